@@ -1,0 +1,38 @@
+# The Python environment is .venv; PYTHON=... chooses what it is made with.
+bin := .venv/bin
+
+.PHONY: help demo test lint clean distclean test-debian compiler
+
+help: ## list these targets
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1 - \2/p' Makefile
+
+demo: compiler .venv/.stamp ## the whole chain on a stretched monolayer; figure and fields in results/demo
+	@$(bin)/tsgdd demo --out results/demo
+
+test: compiler .venv/.stamp ## all tests, then those marked mpi on two ranks; ARGS="-k name" goes to pytest
+	$(bin)/python -m pytest $(ARGS)
+	PATH="$(CURDIR)/$(bin):$$PATH" OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 mpirun -n 2 $(bin)/python -m pytest -m mpi $(ARGS)
+
+lint: .venv/.stamp ## ruff and mypy
+	$(bin)/ruff check
+	$(bin)/ruff format --check
+	$(bin)/mypy
+
+test-debian: ## the tests on Debian 13's python3-dolfinx, in a tree by debootstrap (root)
+	@.ci/test-debian $(ARGS)
+
+clean: ## remove results and caches
+	rm -rf results dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -not -path './.venv/*' -not -path './.debian/*' -prune -exec rm -rf {} +
+
+distclean: clean ## remove .venv too
+	rm -rf .venv
+
+compiler:
+	@.ci/check-compiler
+
+.venv/.stamp: pyproject.toml
+	@$(bin)/python -c '' 2>/dev/null || { python=$$(.ci/find-python) && "$$python" -m venv --clear .venv; }
+	@echo "Installing tsgdd and its dependencies into .venv (about a minute; 2.4 GB) ..."
+	@$(bin)/python -m pip install --quiet --disable-pip-version-check --editable '.[all]'
+	@touch $@

@@ -1,0 +1,48 @@
+"""Model-free data-driven finite elements on DOLFINx, after Kirchdoerfer and Ortiz (paper, Section 4).
+
+The job as a chain: mesh -> strain operator -> metric -> search and projection -> solve -> output, compare, plot.
+"""
+
+from dd_macro import compat  # noqa: F401  (first: it decides how DOLFINx is imported)
+from dd_macro.boundary import Displacement, Traction
+from dd_macro.compare import BlockStress, Comparison, FieldError, compare_blocks
+from dd_macro.compat import KernelError
+from dd_macro.mesh import SIDES, TaggedMesh, box, read_msh
+from dd_macro.metric import Metric, isotropic, mean_tangent, metric_from_dataset, secant_modulus
+from dd_macro.output import QuadratureFields, read_quadrature, write_quadrature
+from dd_macro.projection import MechanicalState, Projection
+from dd_macro.search import MaterialSearch
+from dd_macro.solver import DataDrivenResult, Iteration, SolverOptions, solve
+from dd_macro.spaces import StrainOperator
+from dd_macro.vtkhdf import write_vtkhdf
+
+__all__ = [
+    "SIDES",
+    "BlockStress",
+    "Comparison",
+    "DataDrivenResult",
+    "Displacement",
+    "FieldError",
+    "Iteration",
+    "KernelError",
+    "MaterialSearch",
+    "MechanicalState",
+    "Metric",
+    "Projection",
+    "QuadratureFields",
+    "SolverOptions",
+    "StrainOperator",
+    "TaggedMesh",
+    "Traction",
+    "box",
+    "compare_blocks",
+    "isotropic",
+    "mean_tangent",
+    "metric_from_dataset",
+    "read_msh",
+    "read_quadrature",
+    "secant_modulus",
+    "solve",
+    "write_quadrature",
+    "write_vtkhdf",
+]

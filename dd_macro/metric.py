@@ -1,0 +1,132 @@
+"""The metric of phase space: a symmetric positive definite C that weighs strain against stress.
+
+Local distance (paper, Section 4.1): |z_e|^2 = 1/2 epsilon : C : epsilon + 1/2 sigma : C^-1 : sigma.
+With C = L L^T the whitened point (L^T epsilon, L^-1 sigma) / sqrt(2) in R^12 has that length as its Euclidean norm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike, NDArray
+
+from tsg_micro.dataset import Dataset
+from tsg_micro.errors import InputError
+
+__all__ = ["Metric", "isotropic", "mean_tangent", "metric_from_dataset", "secant_modulus"]
+
+Array = NDArray[np.float64]
+
+_FLOOR = 1e-2  # smallest eigenvalue of a metric taken from data, relative to the largest
+
+
+@dataclass(frozen=True)
+class Metric:
+    """C (6, 6) in Pa in Mandel components, and why it was chosen.
+
+    Raises:
+        InputError: on construction, where C is not 6 x 6, finite, symmetric and positive definite.
+    """
+
+    C: Array
+    reason: str
+
+    def __post_init__(self) -> None:
+        C = np.array(self.C, dtype=float)
+        if C.shape != (6, 6) or not np.isfinite(C).all():
+            raise InputError(f"metric C: expected 6 x 6 finite numbers in Pa, got shape {C.shape} or NaN or infinity")
+        if not np.allclose(C, C.T, rtol=0, atol=1e-9 * np.abs(C).max()):
+            raise InputError(f"metric C: expected a symmetric matrix, got asymmetry {np.abs(C - C.T).max():.3g} Pa")
+        C = 0.5 * (C + C.T)
+        smallest, largest = np.linalg.eigvalsh(C)[[0, -1]]
+        if smallest <= 1e-14 * abs(largest):
+            raise InputError(f"metric C: expected a positive definite matrix, got the eigenvalue {smallest:.3g} Pa")
+        C.setflags(write=False)
+        object.__setattr__(self, "C", C)
+
+    @cached_property
+    def factor(self) -> Array:
+        """Lower triangular L (6, 6) with C = L L^T."""
+        return np.linalg.cholesky(self.C)
+
+    def whiten(self, strain: ArrayLike, stress: ArrayLike) -> Array:
+        """Points (n, 12) whose Euclidean distances are the local distance, sqrt(J/m^3), of (n, 6) and (n, 6) in Pa."""
+        sigma = np.asarray(stress, dtype=float)
+        whitened = scipy.linalg.solve_triangular(self.factor, sigma.reshape(-1, 6).T, lower=True).T.reshape(sigma.shape)
+        return np.concatenate([np.asarray(strain) @ self.factor, whitened], axis=-1) / np.sqrt(2.0)
+
+
+def isotropic(*, young: float, poisson: float) -> Metric:
+    """Metric of the isotropic elastic solid with Young's modulus in Pa and Poisson's ratio.
+
+    Raises:
+        InputError: they give no positive definite C.
+    """
+    if not (np.isfinite(young) and young > 0 and -1 < poisson < 0.5):
+        raise InputError(f"young, poisson: expected young > 0 and -1 < poisson < 0.5, got {young} and {poisson}")
+    C = np.eye(6) * young / (1 + poisson)
+    C[:3, :3] += young * poisson / ((1 + poisson) * (1 - 2 * poisson))
+    return Metric(C, f"isotropic, Young's modulus {young:.4g} Pa, Poisson's ratio {poisson:.3g}")
+
+
+def mean_tangent(dataset: Dataset) -> Metric:
+    """Metric from the mean of the data's tangents, its symmetric part with small eigenvalues raised.
+
+    Raises:
+        InputError: the data have no tangents.
+    """
+    if dataset.tangent is None:
+        raise InputError("data set: expected tangents for this metric, got none")
+    mean = dataset.tangent.mean(axis=0)
+    C, raised = _positive(0.5 * (mean + mean.T))
+    return Metric(C, f"mean tangent of {len(dataset)} data" + _note(raised))
+
+
+def secant_modulus(dataset: Dataset) -> Metric:
+    """Metric from the symmetric C that fits sigma = C epsilon best (least squares) over the data.
+
+    Strain directions that the data do not span get the mean modulus of those they span.
+
+    Raises:
+        InputError: all strains or all stresses are zero.
+    """
+    E, S = dataset.strain, dataset.stress
+    if not E.any() or not S.any():
+        raise InputError("data set: expected strains and stresses other than zero, to fit a secant modulus")
+    variance, directions = np.linalg.eigh(E.T @ E)
+    spanned = variance > 1e-10 * variance[-1]
+    U = directions[:, spanned]
+    A, B = U.T @ (E.T @ E) @ U, U.T @ (E.T @ S) @ U
+    inner = scipy.linalg.solve_continuous_lyapunov(A, B + B.T)  # min |E C - S| over symmetric C
+    inner, raised = _positive(0.5 * (inner + inner.T))
+    V = directions[:, ~spanned]
+    C = U @ inner @ U.T + np.trace(inner) / len(inner) * (V @ V.T)
+    unspanned = f", {V.shape[1]} strain directions not in the data filled with the mean" if V.size else ""
+    return Metric(C, f"least-squares secant of {len(dataset)} data" + _note(raised) + unspanned)
+
+
+def metric_from_dataset(dataset: Dataset) -> Metric:
+    """The default metric, from the data alone: their mean tangent, or the secant modulus where there are no tangents.
+
+    Raises:
+        InputError: the data give no modulus (all zero).
+    """
+    return secant_modulus(dataset) if dataset.tangent is None else mean_tangent(dataset)
+
+
+def _positive(C: Array) -> tuple[Array, int]:
+    """C with eigenvalues below the floor raised to it, and their number."""
+    values, vectors = np.linalg.eigh(C)
+    if values[-1] <= 0:
+        raise InputError(
+            "data set: expected a modulus with a positive eigenvalue, got none; are the signs of stress right?"
+        )
+    low = values < _FLOOR * values[-1]
+    return (vectors * np.where(low, _FLOOR * values[-1], values)) @ vectors.T, int(low.sum())
+
+
+def _note(raised: int) -> str:
+    return f", {raised} eigenvalues raised to {_FLOOR:g} of the largest" if raised else ""

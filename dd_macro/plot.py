@@ -1,0 +1,178 @@
+"""Figures of a data-driven solve. Plain arrays in, a Matplotlib figure out; lengths in m, stresses in Pa."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from dd_macro.compare import grid_index
+from tsg_micro.errors import InputError
+from tsg_micro.files import atomic_path
+
+__all__ = ["block_outlines", "plot_comparison", "plot_convergence", "plot_maps", "save_figure"]
+
+Array = NDArray[np.float64]
+
+_STYLE = {"font.size": 13, "axes.titlesize": 14, "axes.linewidth": 0.8, "savefig.dpi": 200}
+_MICRO = 1e6
+_FIELD, _ERROR = "viridis", "magma"
+
+
+def block_outlines(midpoint: Array) -> Array:
+    """Rectangles (n, 4, 2) in m, in the plane z, of blocks on a regular grid with midpoints (n, 3).
+
+    Raises:
+        InputError: the midpoints are not those of a regular grid.
+    """
+    shape = grid_index(midpoint).max(axis=0) + 1
+    extent = np.ptp(midpoint, axis=0)
+    steps = [extent[i] / (shape[i] - 1) if shape[i] > 1 else 0.0 for i in range(2)]
+    half = 0.5 * np.array([s or max(steps) or 1.0 for s in steps])
+    return midpoint[:, None, :2] + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
+
+
+def plot_convergence(distance: Sequence[float], changed: Sequence[int], omega: Sequence[float]) -> Figure:
+    """Distance |y - z| in sqrt(J) and changed data by iteration; the phase with over-relaxed queries is shaded."""
+    with mpl.rc_context(_STYLE):
+        figure = _figure(7.5, 4.5)
+        left = figure.add_subplot()
+        n = np.arange(1, len(distance) + 1)
+        relaxed = np.flatnonzero(np.asarray(omega) > 1)
+        if relaxed.size:
+            left.axvspan(0.5, relaxed[-1] + 1.5, color="0.92", label=rf"over-relaxed, $\omega$ = {omega[relaxed[0]]:g}")
+        left.semilogy(n, distance, "o-", color="#20639b", markersize=4, label=r"distance $\|y - z\|$")
+        right = left.twinx()
+        right.plot(n, changed, "s--", color="#c8553d", markersize=3.5, label="changed data")
+        left.set_xlabel("iteration")
+        left.set_ylabel(r"distance / J$^{1/2}$")
+        right.set_ylabel("quadrature points with a new datum")
+        left.set_xlim(0.5, len(distance) + 0.5)
+        left.xaxis.get_major_locator().set_params(integer=True)
+        right.set_ylim(bottom=0)
+        handles = [h for axes in (left, right) for h in axes.get_legend_handles_labels()[0]]
+        left.legend(handles=handles, loc="upper right", frameon=True)
+    return figure
+
+
+def plot_maps(outline: Array, fields: Mapping[str, tuple[Array, str]], *, columns: int = 2) -> Figure:
+    """Fields per element, each on a scale of its own.
+
+    Args:
+        outline: polygons (n, corners, 2) in m.
+        fields: title -> (values (n,), unit); stresses in Pa.
+
+    Raises:
+        InputError: a field of another length, or not finite.
+    """
+    with mpl.rc_context(_STYLE):
+        rows = -(-len(fields) // columns)
+        figure = _figure(6.2 * columns, (0.9 + 4.4 * _aspect(outline)) * rows)
+        grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
+        for axes, (title, (values, unit)) in zip(grid, fields.items(), strict=False):
+            drawn = _draw(axes, outline, values, _limits([values]), _FIELD)
+            axes.set_title(title)
+            _bar(figure, drawn, axes, unit)
+        for axes in grid[len(fields) :]:
+            axes.set_visible(False)
+        _label(grid[: len(fields)], columns)
+    return figure
+
+
+def plot_comparison(outline: Array, *, material: Array, mechanical: Array, tensegrity: Array, symbol: str) -> Figure:
+    """Four panels: data-driven material and mechanical solution, tensegrity, all on one colour scale, and the relative
+    error of the mechanical solution in percent.
+
+    Args:
+        outline: polygons (n, corners, 2) in m.
+        material, mechanical, tensegrity: the field (n,) in Pa.
+        symbol: of the field, as in the paper: p or q.
+
+    Raises:
+        InputError: a field of another length, or not finite.
+    """
+    size = np.abs(tensegrity)
+    error = 100 * np.abs(mechanical - tensegrity) / np.maximum(size, 1e-12 * max(size.max(initial=0.0), 1e-300))
+    panels = {
+        f"data-driven, material ${symbol}$": material,
+        f"data-driven, mechanical ${symbol}$": mechanical,
+        f"tensegrity ${symbol}$": tensegrity,
+    }
+    limits = _limits(list(panels.values()))
+    with mpl.rc_context(_STYLE):
+        figure = _figure(13, 2 * (0.8 + 4.8 * _aspect(outline)))
+        grid = figure.subplots(2, 2, sharex=True, sharey=True).ravel()
+        for axes, (title, values) in zip(grid, panels.items(), strict=False):
+            drawn = _draw(axes, outline, values, limits, _FIELD)
+            axes.set_title(title)
+            _bar(figure, drawn, axes, f"${symbol}$ / Pa")
+        top = max(float(np.percentile(error, 95)), 1e-12) if error.size else 1.0
+        drawn = _draw(grid[3], outline, error, (0.0, top), _ERROR)
+        grid[3].set_title(f"relative error of mechanical ${symbol}$")
+        _bar(figure, drawn, grid[3], "error / %", extend="max")
+        _label(grid, 2)
+    return figure
+
+
+def save_figure(figure: Figure, path: str | Path) -> None:
+    """Write the figure, whole or not at all; the suffix chooses the format.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    with atomic_path(path) as temporary, mpl.rc_context(_STYLE):
+        figure.savefig(temporary)
+
+
+def _figure(width: float, height: float) -> Figure:
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)  # no display, whatever backend is set
+    return figure
+
+
+def _aspect(outline: Array) -> float:
+    extent = np.ptp(outline.reshape(-1, 2), axis=0)
+    return float(np.clip(extent[1] / extent[0], 0.25, 1.5))
+
+
+def _limits(fields: list[Array]) -> tuple[float, float]:
+    """Common limits of the fields; a constant field gets some room."""
+    low, high = min(map(np.min, fields)), max(map(np.max, fields))
+    if low == high:
+        low, high = low - 0.5 * (abs(low) or 1.0), high + 0.5 * (abs(high) or 1.0)
+    return float(low), float(high)
+
+
+def _draw(axes: Axes, outline: Array, values: Array, limits: tuple[float, float], cmap: str) -> PolyCollection:
+    values = np.asarray(values, dtype=float)
+    if values.shape != (len(outline),) or not np.isfinite(values).all():
+        raise InputError(f"field to draw: expected {len(outline)} finite numbers, got shape {values.shape} or NaN")
+    drawn = PolyCollection(list(_MICRO * outline), array=values, cmap=cmap, edgecolors="face", linewidths=0.2)
+    drawn.set_clim(*limits)
+    axes.add_collection(drawn)
+    axes.set_aspect("equal")
+    axes.autoscale_view()
+    axes.margins(0)
+    return drawn
+
+
+def _bar(figure: Figure, drawn: PolyCollection, axes: Axes, label: str, extend: str = "neither") -> None:
+    """A colour bar exactly as high as its map."""
+    figure.colorbar(drawn, cax=axes.inset_axes((1.02, 0.0, 0.03, 1.0)), label=label, extend=extend)
+
+
+def _label(grid: Sequence[Axes] | NDArray[Any], columns: int) -> None:
+    for i, axes in enumerate(grid):
+        if i >= len(grid) - columns:
+            axes.set_xlabel(r"$x$ / µm")
+            axes.tick_params(labelbottom=True)
+        if i % columns == 0:
+            axes.set_ylabel(r"$y$ / µm")

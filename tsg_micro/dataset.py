@@ -1,0 +1,206 @@
+"""The material data set: pairs of strain and stress with all that is needed to trust and reuse them.
+
+One HDF5 schema (version 1). Root attributes: ``format`` = "tsgdd-dataset", ``schema``, ``stress_measure``,
+``seed``, ``parameters`` and ``versions`` (JSON). Arrays, N points, each with an attribute ``unit``:
+
+    strain (N,6) 1, stress (N,6) Pa              Mandel order xx, yy, zz, yz, xz, xy (tsg_micro.mandel)
+    path (N) 1, step (N) 1                       which loading path, and which step along it
+    tangent (N,6,6) Pa                 optional  d stress / d strain, all six strains prescribed
+    deformation_gradient (N,3,3) 1     optional  F, needed to change the stress measure
+    energy (N) J/m^3                   optional  stored energy per reference volume
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from tsg_micro.errors import InputError
+from tsg_micro.files import atomic_path
+from tsg_micro.stress import check_measure, convert_stress, convert_tangent
+
+__all__ = ["Dataset", "append_dataset", "convert_dataset", "join_datasets", "read_dataset", "take", "write_dataset"]
+
+Array = NDArray[np.float64]
+FORMAT, SCHEMA = "tsgdd-dataset", 1
+UNITS = {
+    "strain": "1",
+    "stress": "Pa",
+    "path": "1",
+    "step": "1",
+    "tangent": "Pa",
+    "deformation_gradient": "1",
+    "energy": "J/m^3",
+}
+_SHAPES: dict[str, tuple[int, ...]] = {
+    "strain": (6,),
+    "stress": (6,),
+    "path": (),
+    "step": (),
+    "tangent": (6, 6),
+    "deformation_gradient": (3, 3),
+    "energy": (),
+}
+_REQUIRED = ("strain", "stress", "path", "step")
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Material data: Mandel strain (N,6) and stress (N,6) in Pa, and where they come from.
+
+    The strain is the symmetric displacement gradient (small strain); ``stress_measure`` names the stress.
+
+    Raises:
+        InputError: on construction, where a shape, a value (NaN, infinity) or the measure is not valid.
+    """
+
+    strain: Array
+    stress: Array
+    stress_measure: str
+    path: NDArray[np.int64]
+    step: NDArray[np.int64]
+    tangent: Array | None = None
+    deformation_gradient: Array | None = None
+    energy: Array | None = None
+    parameters: dict[str, Any] = field(default_factory=dict)
+    versions: dict[str, str] = field(default_factory=dict)
+    seed: int | None = None
+
+    def __post_init__(self) -> None:
+        check_measure(self.stress_measure)
+        n = len(self.strain)
+        if n == 0:
+            raise InputError("data set: expected at least one point, got none")
+        for name, array in self.arrays().items():
+            expected = (n, *_SHAPES[name])
+            if array.shape != expected:
+                raise InputError(f"data set, {name}: expected shape {expected}, got {array.shape}")
+            bad = np.flatnonzero(~np.isfinite(array).reshape(n, -1).all(axis=1))
+            if bad.size:
+                raise InputError(
+                    f"data set, {name}: expected finite numbers, got NaN or infinity at {bad.size} points "
+                    f"(first at index {bad[0]})"
+                )
+
+    def __len__(self) -> int:
+        return len(self.strain)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The arrays that are there, by name."""
+        return {name: getattr(self, name) for name in UNITS if getattr(self, name) is not None}
+
+
+def write_dataset(path: str | Path, dataset: Dataset) -> None:
+    """Write ``dataset`` to the HDF5 file ``path``, whole or not at all."""
+    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs["format"] = FORMAT
+        file.attrs["schema"] = SCHEMA
+        file.attrs["stress_measure"] = dataset.stress_measure
+        file.attrs["parameters"] = json.dumps(dataset.parameters)
+        file.attrs["versions"] = json.dumps(dataset.versions)
+        if dataset.seed is not None:
+            file.attrs["seed"] = dataset.seed
+        for name, array in dataset.arrays().items():
+            file.create_dataset(name, data=array).attrs["unit"] = UNITS[name]
+
+
+def read_dataset(path: str | Path) -> Dataset:
+    """Read and validate a data set.
+
+    Raises:
+        InputError: the file is missing, not HDF5, of another format or schema, in other units, or incomplete.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"data set {path}: no such file")
+    try:
+        file = h5py.File(path, "r")
+    except OSError:
+        raise InputError(f"data set {path}: expected an HDF5 file, but it cannot be read as one") from None
+    with file:
+        found = file.attrs.get("format")
+        if found != FORMAT:
+            raise InputError(f"data set {path}: expected the HDF5 attribute format={FORMAT!r}, got {found!r}")
+        if file.attrs.get("schema") != SCHEMA:
+            raise InputError(f"data set {path}: expected schema {SCHEMA}, got {file.attrs.get('schema')}")
+        missing = [name for name in _REQUIRED if name not in file]
+        if missing:
+            raise InputError(f"data set {path}: expected the arrays {', '.join(_REQUIRED)}, {missing[0]} is missing")
+        arrays = {}
+        for name in UNITS:
+            if name not in file:
+                continue
+            unit = file[name].attrs.get("unit")
+            if unit != UNITS[name]:
+                raise InputError(f"data set {path}, {name}: expected the unit {UNITS[name]!r}, got {unit!r}")
+            arrays[name] = file[name][()]
+        seed = file.attrs.get("seed")
+        try:
+            return Dataset(
+                **arrays,
+                stress_measure=str(file.attrs.get("stress_measure")),
+                parameters=json.loads(file.attrs.get("parameters", "{}")),
+                versions=json.loads(file.attrs.get("versions", "{}")),
+                seed=None if seed is None else int(seed),
+            )
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+
+
+def take(dataset: Dataset, index: NDArray[Any]) -> Dataset:
+    """The points ``index`` (integers or a mask) of ``dataset``, in that order."""
+    return dataclasses.replace(dataset, **{name: array[index] for name, array in dataset.arrays().items()})
+
+
+def join_datasets(first: Dataset, second: Dataset) -> Dataset:
+    """Both sets as one; arrays that only one of them has are dropped, paths of the second are renumbered.
+
+    Raises:
+        InputError: they hold different stress measures.
+    """
+    if first.stress_measure != second.stress_measure:
+        raise InputError(
+            f"data sets to join: expected one stress measure, got {first.stress_measure} and {second.stress_measure}"
+        )
+    a, b = first.arrays(), second.arrays()
+    b["path"] = b["path"] + (a["path"].max() + 1)
+    joined: dict[str, Any] = {name: np.concatenate([a[name], b[name]]) if name in a and name in b else None for name in UNITS}
+    sources = [*first.parameters.get("joined", [first.parameters]), *second.parameters.get("joined", [second.parameters])]
+    seed = first.seed if first.seed == second.seed else None
+    return dataclasses.replace(first, **joined, parameters={"joined": sources}, seed=seed)
+
+
+def append_dataset(path: str | Path, dataset: Dataset) -> None:
+    """Add ``dataset`` to the file ``path``, or make it; the file changes whole or not at all."""
+    path = Path(path)
+    write_dataset(path, join_datasets(read_dataset(path), dataset) if path.exists() else dataset)
+
+
+def convert_dataset(dataset: Dataset, measure: str) -> Dataset:
+    """The same data with the stress (and tangent) as ``measure``, from the F of every point.
+
+    Raises:
+        InputError: the measure is unknown, or the data hold another one and no deformation gradient.
+    """
+    check_measure(measure)
+    if measure == dataset.stress_measure:
+        return dataset
+    F = dataset.deformation_gradient
+    if F is None:
+        raise InputError(
+            f"stress measure: the data hold {dataset.stress_measure} and no deformation gradient, "
+            f"so {measure} cannot be computed"
+        )
+    source = dataset.stress_measure
+    tangent = dataset.tangent
+    if tangent is not None:
+        tangent = convert_tangent(tangent, dataset.stress, F, source, measure)
+    stress = convert_stress(dataset.stress, F, source, measure)
+    return dataclasses.replace(dataset, stress=stress, tangent=tangent, stress_measure=measure)

@@ -1,0 +1,286 @@
+"""Newton's method on the exact energy at one load: line search, elongation limit, shift where indefinite.
+
+The unknowns are the free nodal displacements x and a small border z: free macroscopic unknowns, and multipliers of
+linear constraints A y = b. Only the nodal matrix K is factorised; the border is eliminated through its Schur
+complement, and the inertia of the whole is that of K plus that of the complement.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tsg_micro.assembly import MACRO, MemberState, MemberSystem, NodalPattern
+from tsg_micro.errors import ConvergenceError, InputError
+from tsg_micro.linear_solvers import Choice, Factor, SymmetricSolver, choose_backend, make_solver
+
+__all__ = ["Border", "Converged", "Iteration", "NewtonOptions", "NewtonSolver", "Tangent"]
+
+Array = NDArray[np.float64]
+_INVERSE_ITERATIONS = 6
+
+
+@dataclass(frozen=True)
+class NewtonOptions:
+    """When an equilibrium is good enough, and how far one iteration may go."""
+
+    tolerance: float = 1e-9
+    """Largest out-of-balance force over the mean member force."""
+    max_iterations: int = 30
+    max_elongation: float = 0.02
+    """Largest change of a member's length in one iteration, over its length."""
+    linear_solver: str = "auto"
+
+    def __post_init__(self) -> None:
+        for name in ("tolerance", "max_elongation", "max_iterations"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"{name}: expected a positive number, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """One Newton iteration; ``load`` is the fraction of the load step that it belongs to."""
+
+    load: float
+    residual: float
+    """Largest out-of-balance force over the mean member force, before the iteration."""
+    step_length: float
+    shift: float
+    """Multiple of the unit matrix added to K, N/m."""
+    negative_pivots: int
+    energy: float
+
+
+@dataclass(frozen=True)
+class Converged:
+    """An equilibrium: the point, its members, and the price."""
+
+    y: Array
+    state: MemberState
+    gradient: Array
+    multipliers: Array
+    residual: float
+    iterations: int
+    tangent: Tangent | None
+    """The factorised tangent at y, where it was asked for."""
+
+
+@dataclass(frozen=True)
+class Border:
+    """Unknowns beside the nodal ones: which entries of H are free, and linear constraints A u (c, 3n)."""
+
+    macro: Array
+    """Directions (9, k) in which H is free."""
+    constraint: Array
+    """Rows (c, 3n + 9) of A, over displacements and H; A y is kept as it is."""
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns in the border."""
+        return self.macro.shape[1] + len(self.constraint)
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """The factorised tangent at one point, border included."""
+
+    factor: Factor
+    coupling: Array
+    """Border columns (nx, k)."""
+    solved: Array
+    """K^-1 times the coupling."""
+    schur: Array
+    negative_pivots: int
+    """Negative eigenvalues of the energy's second derivative on the free unknowns."""
+
+    def solve(self, x: Array, z: Array) -> tuple[Array, Array]:
+        """Solution of the bordered system for right-hand sides (nx,) or (nx, k) and (border,) or (border, k)."""
+        x = self.factor.solve(x)
+        if self.schur.size == 0:
+            return x, z
+        z = np.linalg.solve(self.schur, z - self.coupling.T @ x)
+        return x - self.solved @ z, z
+
+
+class NewtonSolver:
+    """Newton for one set of free unknowns: its pattern, ordering and history live on between loads."""
+
+    def __init__(
+        self, system: MemberSystem, free: NDArray[np.bool_], *, border: Border | None, options: NewtonOptions
+    ) -> None:
+        self.system = system
+        self.free = np.flatnonzero(free)
+        self.border = border or Border(np.zeros((MACRO, 0)), np.zeros((0, system.size)))
+        self.options = options
+        self.pattern = NodalPattern(system.structure, free)
+        self.choice: Choice = choose_backend(self.pattern.size, options.linear_solver)
+        self.solver: SymmetricSolver = make_solver(self.pattern.indptr, self.pattern.indices, self.choice.backend)
+        self.factorisations = 0
+        self._shift = 0.0
+        m = system.nodal_size
+        self._macro_directions = np.zeros((system.size, self.border.macro.shape[1]))
+        self._macro_directions[m:] = self.border.macro
+
+    def tangent(self, state: MemberState, *, shift: float = 0.0) -> Tangent:
+        """Factor the tangent at ``state``, with ``shift`` added to its diagonal."""
+        values = self.pattern.assemble(self.system.member_blocks(state))
+        if shift:
+            values[self.pattern.diagonal] += shift
+        factor = self.solver.factorise(values)
+        self.factorisations += 1
+        k, c = self.border.macro.shape[1], len(self.border.constraint)
+        coupling = np.zeros((self.pattern.size, k + c))
+        schur = np.zeros((k + c, k + c))
+        negative = factor.negative_pivots
+        if k + c == 0:
+            return Tangent(factor, coupling, coupling, schur, negative)
+        if k:
+            product = self.system.tangent_product(state, self._macro_directions)
+            coupling[:, :k] = product[self.free]
+            schur[:k, :k] = self._macro_directions.T @ product
+        coupling[:, k:] = self.border.constraint[:, self.free].T
+        solved = factor.solve(coupling)
+        schur -= coupling.T @ solved
+        # on the constrained unknowns: each multiplier takes one negative eigenvalue of the bordered matrix
+        negative += int((np.linalg.eigvalsh(schur) < 0.0).sum()) - c
+        return Tangent(factor, coupling, solved, schur, negative)
+
+    def _residual(self, gradient: Array, force: Array, multipliers: Array) -> tuple[Array, Array]:
+        """Out-of-balance forces on the free nodal unknowns, and on the border (constraints: none)."""
+        m = self.system.nodal_size
+        nodal = force - (gradient + self.border.constraint.T @ multipliers)[:m]
+        macro = -self.border.macro.T @ gradient[m:]
+        return nodal[self.free], np.concatenate([macro, np.zeros(len(multipliers))])
+
+    def _measure(self, nodal: Array, macro: Array, state: MemberState) -> float:
+        """Residual relative to the mean member force; the macroscopic part is divided by the box size."""
+        scale = np.abs(state.force).mean()
+        length = self.system.structure.size.max()
+        largest = max(np.abs(nodal).max(initial=0.0), np.abs(macro).max(initial=0.0) / length)
+        return float(largest / scale) if scale > 0.0 else float(largest > 0.0)
+
+    def solve(
+        self, y: Array, force: Array, *, load: float, history: list[Iteration], stable: bool = False
+    ) -> Converged:
+        """Equilibrium near ``y`` (3n + 9,) under nodal forces (3n,); prescribed entries of y stay as they are.
+
+        Where the tangent is indefinite the iteration leaves along its lowest mode, downhill in energy. With
+        ``stable`` an equilibrium counts only once its own tangent has no negative pivots.
+
+        Raises:
+            ConvergenceError: not within ``max_iterations``, or a step that could not be shortened enough.
+        """
+        system, m = self.system, self.system.nodal_size
+        y = y.copy()
+        multipliers = np.zeros(len(self.border.constraint))
+        state = system.state(y)
+        gradient = system.gradient(state)
+        for iteration in range(self.options.max_iterations + 1):
+            if len(multipliers):  # those that balance the present forces best
+                a = self.border.constraint[:, self.free]
+                multipliers = np.linalg.lstsq(a.T, (force - gradient[:m])[self.free], rcond=None)[0]
+            nodal, rest = self._residual(gradient, force, multipliers)
+            residual = self._measure(nodal, rest, state)
+            if not np.isfinite(residual):
+                raise ConvergenceError("equilibrium: the residual is not finite", history)
+            balanced = residual <= self.options.tolerance
+            if balanced:
+                final = self.tangent(state) if stable else None
+                if final is None or final.negative_pivots == 0:
+                    return Converged(y, state, gradient, multipliers, residual, iteration, final)
+            if iteration == self.options.max_iterations:
+                break
+            tangent, shift = self._stable_tangent(state)
+            step = self._spread(*tangent.solve(nodal, rest))
+            slope = float(gradient @ step - force @ step[:m])
+            if slope >= 0.0 and not balanced:
+                raise ConvergenceError(
+                    f"equilibrium: no descent at a residual of {residual:.2e} mean member forces", history
+                )
+            length = 0.0 if balanced else self._line_search(y, step, force, state, slope)
+            history.append(Iteration(load, residual, length, shift, tangent.negative_pivots, system.energy(state)))
+            y = y + length * step
+            if shift:
+                y = self._leave_saddle(y, tangent, force)
+            state = system.state(y)
+            gradient = system.gradient(state)
+        raise ConvergenceError(
+            f"equilibrium: residual {residual:.2e} mean member forces after {self.options.max_iterations} iterations, "
+            f"expected {self.options.tolerance:.1e}",
+            history,
+        )
+
+    def _spread(self, dx: Array, dz: Array) -> Array:
+        """Values on the free unknowns as a vector of all unknowns (3n + 9,)."""
+        step = np.zeros(self.system.size)
+        step[self.free] = dx
+        step[self.system.nodal_size :] = self.border.macro @ dz[: self.border.macro.shape[1]]
+        return step
+
+    def _leave_saddle(self, y: Array, tangent: Tangent, force: Array) -> Array:
+        """``y`` moved downhill along the lowest mode of the tangent that ``tangent`` is a shift of.
+
+        Inverse iteration gives the mode; along it the energy falls as long as its slope is negative.
+        """
+        system, m = self.system, self.system.nodal_size
+        dx = np.sin(1.0 + np.arange(len(self.free)))  # any vector that no symmetry makes orthogonal to the mode
+        dz = np.zeros(self.border.size)
+        for _ in range(_INVERSE_ITERATIONS):
+            dx, dz = tangent.solve(dx / np.linalg.norm(dx), dz / np.linalg.norm(dx))
+            dz[self.border.macro.shape[1] :] = 0.0
+        mode = self._spread(dx, dz)
+        state = system.state(y)
+        if np.vdot(mode, system.tangent_product(state, mode[:, None])[:, 0]) >= 0.0:
+            return y
+        if system.gradient(state) @ mode - force @ mode[:m] > 0.0:
+            mode = -mode
+        farthest = self._elongation_limit(mode / np.abs(mode).max(), state) / np.abs(mode).max()
+        best, length = 0.0, farthest / 1024.0
+        while length <= farthest:
+            gradient = system.gradient(system.state(y + length * mode))
+            if gradient @ mode - force @ mode[:m] >= 0.0:
+                break
+            best, length = length, 2.0 * length
+        return y + best * mode
+
+    def _elongation_limit(self, step: Array, state: MemberState) -> float:
+        """The multiple of ``step`` at which some member's length changes by ``max_elongation``."""
+        change = (self.system.D @ step).reshape(-1, 3)
+        along = np.abs(np.einsum("ij,ij->i", change, state.vector)) / state.length
+        turn = np.einsum("ij,ij->i", change, change) / (2.0 * state.length)
+        limit = self.options.max_elongation * state.length
+        # along a + turn a^2 = limit, in the form that does not cancel
+        return float(np.min(2.0 * limit / np.maximum(along + np.sqrt(along**2 + 4.0 * turn * limit), 1e-300)))
+
+    def _stable_tangent(self, state: MemberState) -> tuple[Tangent, float]:
+        """The tangent, shifted as far as needed for it to have no negative pivots."""
+        shift = self._shift
+        scale = np.abs(state.force_density).mean()
+        for _ in range(12):
+            tangent = self.tangent(state, shift=shift)
+            if tangent.negative_pivots == 0:
+                self._shift = 0.0 if shift < 0.02 * scale else 0.25 * shift
+                return tangent, shift
+            shift = max(4.0 * shift, 0.05 * scale)
+        raise ConvergenceError(f"equilibrium: the tangent stays indefinite with a shift of {shift:.2e} N/m")
+
+    def _line_search(self, y: Array, step: Array, force: Array, state: MemberState, slope: float) -> float:
+        """Step length: limited in elongation, then where the energy's slope has fallen enough."""
+        system, m = self.system, self.system.nodal_size
+        high = min(1.0, self._elongation_limit(step, state))
+        low, low_slope, length = 0.0, slope, high
+        for _ in range(12):
+            gradient = system.gradient(system.state(y + length * step))
+            here = float(gradient @ step - force @ step[:m])
+            if abs(here) <= 0.5 * abs(slope) or (here < 0.0 and length == high):
+                return length
+            if here < 0.0:
+                low, low_slope = length, here
+                length = min(high, 0.5 * (length + high))
+            else:
+                high = length
+                secant = low - low_slope * (length - low) / (here - low_slope)
+                length = float(np.clip(secant, low + 0.1 * (length - low), low + 0.9 * (length - low)))
+        return length
