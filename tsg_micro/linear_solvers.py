@@ -8,6 +8,7 @@ the inertia tells a stable equilibrium from an unstable one.
 from __future__ import annotations
 
 import importlib.util
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -97,6 +98,7 @@ class Pardiso:
         self._matrix = sp.csr_array((np.zeros(len(indices)), indices, indptr), shape=(n, n))
         self._dummy = np.zeros((n, 1), order="F")
         self._analysed = False
+        weakref.finalize(self, self._solver.free_memory, everything=True)
 
     def _call(self, phase: int, b: Array) -> Array:
         from pypardiso.pardiso_wrapper import PyPardisoError
@@ -112,10 +114,6 @@ class Pardiso:
         self._call(22 if self._analysed else 12, self._dummy)
         self._analysed = True
         return Factor(lambda b: self._call(33, np.asfortranarray(b)), int(self._solver.iparm[22]))
-
-    def __del__(self) -> None:
-        if getattr(self, "_analysed", False):
-            self._solver.free_memory(everything=True)
 
 
 class Mumps:

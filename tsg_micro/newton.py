@@ -1,4 +1,4 @@
-"""Newton's method on the exact energy at one load: line search, elongation limit, shift where indefinite.
+"""Newton's method on the exact energy at one load: line search, elongation limit, descent where indefinite.
 
 The unknowns are the free nodal displacements x and a small border z: free macroscopic unknowns, and multipliers of
 linear constraints A y = b. Only the nodal matrix K is factorised; the border is eliminated through its Schur
@@ -7,9 +7,11 @@ complement, and the inertia of the whole is that of K plus that of the complemen
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from tsg_micro.assembly import MACRO, MemberState, MemberSystem, NodalPattern
@@ -19,14 +21,14 @@ from tsg_micro.linear_solvers import Choice, Factor, SymmetricSolver, choose_bac
 __all__ = ["Border", "Converged", "Iteration", "NewtonOptions", "NewtonSolver", "Tangent"]
 
 Array = NDArray[np.float64]
-_INVERSE_ITERATIONS = 6
+_MOST_MODES, _LANCZOS_STEPS = 12, 60
 
 
 @dataclass(frozen=True)
 class NewtonOptions:
     """When an equilibrium is good enough, and how far one iteration may go."""
 
-    tolerance: float = 1e-9
+    tolerance: float = 1e-10
     """Largest out-of-balance force over the mean member force."""
     max_iterations: int = 30
     max_elongation: float = 0.02
@@ -118,8 +120,9 @@ class NewtonSolver:
         self.choice: Choice = choose_backend(self.pattern.size, options.linear_solver)
         self.solver: SymmetricSolver = make_solver(self.pattern.indptr, self.pattern.indices, self.choice.backend)
         self.factorisations = 0
-        self._shift = 0.0
         m = system.nodal_size
+        a = self.border.constraint
+        self._lever = np.concatenate([a[:, self.free].T, (a[:, m:] @ self.border.macro).T, np.zeros((len(a), len(a)))])
         self._macro_directions = np.zeros((system.size, self.border.macro.shape[1]))
         self._macro_directions[m:] = self.border.macro
 
@@ -140,7 +143,10 @@ class NewtonSolver:
             product = self.system.tangent_product(state, self._macro_directions)
             coupling[:, :k] = product[self.free]
             schur[:k, :k] = self._macro_directions.T @ product
-        coupling[:, k:] = self.border.constraint[:, self.free].T
+        if c:
+            coupling[:, k:] = self.border.constraint[:, self.free].T
+            schur[k:, :k] = self.border.constraint[:, self.system.nodal_size :] @ self.border.macro
+            schur[:k, k:] = schur[k:, :k].T
         solved = factor.solve(coupling)
         schur -= coupling.T @ solved
         # on the constrained unknowns: each multiplier takes one negative eigenvalue of the bordered matrix
@@ -150,8 +156,9 @@ class NewtonSolver:
     def _residual(self, gradient: Array, force: Array, multipliers: Array) -> tuple[Array, Array]:
         """Out-of-balance forces on the free nodal unknowns, and on the border (constraints: none)."""
         m = self.system.nodal_size
-        nodal = force - (gradient + self.border.constraint.T @ multipliers)[:m]
-        macro = -self.border.macro.T @ gradient[m:]
+        balance = gradient + self.border.constraint.T @ multipliers
+        nodal = force - balance[:m]
+        macro = -self.border.macro.T @ balance[m:]
         return nodal[self.free], np.concatenate([macro, np.zeros(len(multipliers))])
 
     def _measure(self, nodal: Array, macro: Array, state: MemberState) -> float:
@@ -178,22 +185,25 @@ class NewtonSolver:
         state = system.state(y)
         gradient = system.gradient(state)
         for iteration in range(self.options.max_iterations + 1):
-            if len(multipliers):  # those that balance the present forces best
-                a = self.border.constraint[:, self.free]
-                multipliers = np.linalg.lstsq(a.T, (force - gradient[:m])[self.free], rcond=None)[0]
             nodal, rest = self._residual(gradient, force, multipliers)
+            if len(multipliers):  # those that balance the present forces best
+                multipliers = np.linalg.lstsq(self._lever, np.concatenate([nodal, rest]), rcond=None)[0] + multipliers
+                nodal, rest = self._residual(gradient, force, multipliers)
             residual = self._measure(nodal, rest, state)
             if not np.isfinite(residual):
                 raise ConvergenceError("equilibrium: the residual is not finite", history)
-            balanced = residual <= self.options.tolerance
+            balanced, final = residual <= self.options.tolerance, None
             if balanced:
                 final = self.tangent(state) if stable else None
                 if final is None or final.negative_pivots == 0:
                     return Converged(y, state, gradient, multipliers, residual, iteration, final)
             if iteration == self.options.max_iterations:
                 break
-            tangent, shift = self._stable_tangent(state)
+            tangent, shift = self._tangent_for_step(state, final)
+            modes = self._unstable_modes(tangent)
             step = self._spread(*tangent.solve(nodal, rest))
+            for mode, stiffness in modes:  # turn the step downhill along them
+                step += 2.0 * (nodal @ mode[self.free] + rest @ self._border_part(mode)) / abs(stiffness) * mode
             slope = float(gradient @ step - force @ step[:m])
             if slope >= 0.0 and not balanced:
                 raise ConvergenceError(
@@ -202,8 +212,8 @@ class NewtonSolver:
             length = 0.0 if balanced else self._line_search(y, step, force, state, slope)
             history.append(Iteration(load, residual, length, shift, tangent.negative_pivots, system.energy(state)))
             y = y + length * step
-            if shift:
-                y = self._leave_saddle(y, tangent, force)
+            for mode, _ in modes[:1]:
+                y = self._leave_saddle(y, mode, force)
             state = system.state(y)
             gradient = system.gradient(state)
         raise ConvergenceError(
@@ -219,18 +229,27 @@ class NewtonSolver:
         step[self.system.nodal_size :] = self.border.macro @ dz[: self.border.macro.shape[1]]
         return step
 
-    def _leave_saddle(self, y: Array, tangent: Tangent, force: Array) -> Array:
-        """``y`` moved downhill along the lowest mode of the tangent that ``tangent`` is a shift of.
+    def _border_part(self, step: Array) -> Array:
+        """What :meth:`_spread` made of the border's free macroscopic unknowns; 0 for the multipliers."""
+        macro = self.border.macro.T @ step[self.system.nodal_size :]
+        return np.concatenate([macro, np.zeros(len(self.border.constraint))])
 
-        Inverse iteration gives the mode; along it the energy falls as long as its slope is negative.
-        """
+    def _unstable_modes(self, tangent: Tangent) -> list[tuple[Array, float]]:
+        """Modes (3n + 9,) of negative stiffness (N/m), lowest first, by Lanczos on the factor that is there."""
+        count, n = tangent.negative_pivots, len(self.free)
+        if not 0 < count <= _MOST_MODES:
+            return []
+        none = np.zeros(self.border.size)
+        values, vectors = _lanczos(lambda x: tangent.solve(x, none)[0], n, min(n, _LANCZOS_STEPS))
+        modes = []
+        for value, x in zip(values[:count], vectors.T[:count], strict=True):
+            if value < 0.0:
+                modes.append((self._spread(x, tangent.solve(x, none)[1] / value), 1.0 / value))
+        return sorted(modes, key=lambda mode: mode[1])
+
+    def _leave_saddle(self, y: Array, mode: Array, force: Array) -> Array:
+        """``y`` moved along an unstable mode as far as the energy falls and the elongation limit allows."""
         system, m = self.system, self.system.nodal_size
-        dx = np.sin(1.0 + np.arange(len(self.free)))  # any vector that no symmetry makes orthogonal to the mode
-        dz = np.zeros(self.border.size)
-        for _ in range(_INVERSE_ITERATIONS):
-            dx, dz = tangent.solve(dx / np.linalg.norm(dx), dz / np.linalg.norm(dx))
-            dz[self.border.macro.shape[1] :] = 0.0
-        mode = self._spread(dx, dz)
         state = system.state(y)
         if np.vdot(mode, system.tangent_product(state, mode[:, None])[:, 0]) >= 0.0:
             return y
@@ -254,17 +273,16 @@ class NewtonSolver:
         # along a + turn a^2 = limit, in the form that does not cancel
         return float(np.min(2.0 * limit / np.maximum(along + np.sqrt(along**2 + 4.0 * turn * limit), 1e-300)))
 
-    def _stable_tangent(self, state: MemberState) -> tuple[Tangent, float]:
-        """The tangent, shifted as far as needed for it to have no negative pivots."""
-        shift = self._shift
-        scale = np.abs(state.force_density).mean()
-        for _ in range(12):
+    def _tangent_for_step(self, state: MemberState, final: Tangent | None) -> tuple[Tangent, float]:
+        """The tangent; where it has more unstable modes than can be handled one by one, shifted until it has none."""
+        tangent, shift = final or self.tangent(state), 0.0
+        scale = 0.05 * np.abs(state.force_density).mean()
+        while tangent.negative_pivots > (0 if shift else _MOST_MODES):
+            shift = 4.0 * shift or scale
+            if shift > 1e8 * scale:
+                raise ConvergenceError(f"equilibrium: the tangent stays indefinite with a shift of {shift:.2e} N/m")
             tangent = self.tangent(state, shift=shift)
-            if tangent.negative_pivots == 0:
-                self._shift = 0.0 if shift < 0.02 * scale else 0.25 * shift
-                return tangent, shift
-            shift = max(4.0 * shift, 0.05 * scale)
-        raise ConvergenceError(f"equilibrium: the tangent stays indefinite with a shift of {shift:.2e} N/m")
+        return tangent, shift
 
     def _line_search(self, y: Array, step: Array, force: Array, state: MemberState, slope: float) -> float:
         """Step length: limited in elongation, then where the energy's slope has fallen enough."""
@@ -284,3 +302,24 @@ class NewtonSolver:
                 secant = low - low_slope * (length - low) / (here - low_slope)
                 length = float(np.clip(secant, low + 0.1 * (length - low), low + 0.9 * (length - low)))
         return length
+
+
+def _lanczos(operator: Callable[[Array], Array], n: int, steps: int) -> tuple[Array, Array]:
+    """Ritz values (k,), lowest first, and vectors (n, k) of a symmetric operator, fully reorthogonalised.
+
+    SciPy's eigsh would do, but version 1.18 was seen to corrupt memory here where it did not converge.
+    """
+    basis = np.zeros((steps, n))
+    diagonal, off = np.zeros(steps), np.zeros(steps)
+    v = np.sin(1.0 + np.arange(n))  # no symmetry of a structure makes one of its modes orthogonal to it
+    for k in range(steps):
+        basis[k] = v / np.linalg.norm(v)
+        v = operator(basis[k])
+        diagonal[k] = basis[k] @ v
+        for _ in range(2):
+            v -= basis[: k + 1].T @ (basis[: k + 1] @ v)
+        off[k] = np.linalg.norm(v)
+        if off[k] <= 1e-12 * abs(diagonal[: k + 1]).max():
+            break
+    values, coefficients = scipy.linalg.eigh_tridiagonal(diagonal[: k + 1], off[:k])
+    return values, basis[: k + 1].T @ coefficients
