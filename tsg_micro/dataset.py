@@ -8,6 +8,7 @@ One HDF5 schema (version 1). Root attributes: ``format`` = "tsgdd-dataset", ``sc
     tangent (N,6,6) Pa                 optional  d stress / d strain, all six strains prescribed
     deformation_gradient (N,3,3) 1     optional  F, needed to change the stress measure
     energy (N) J/m^3                   optional  stored energy per reference volume
+    midpoint (N,3) m                   optional  where each point was read off, for block means of a structure
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ UNITS = {
     "tangent": "Pa",
     "deformation_gradient": "1",
     "energy": "J/m^3",
+    "midpoint": "m",
 }
 _SHAPES: dict[str, tuple[int, ...]] = {
     "strain": (6,),
@@ -47,6 +49,7 @@ _SHAPES: dict[str, tuple[int, ...]] = {
     "tangent": (6, 6),
     "deformation_gradient": (3, 3),
     "energy": (),
+    "midpoint": (3,),
 }
 _REQUIRED = ("strain", "stress", "path", "step")
 
@@ -69,6 +72,7 @@ class Dataset:
     tangent: Array | None = None
     deformation_gradient: Array | None = None
     energy: Array | None = None
+    midpoint: Array | None = None
     parameters: dict[str, Any] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
     seed: int | None = None

@@ -77,23 +77,42 @@ def strain_path(box: StrainBox, *, steps: int, seed: int, path: int) -> Array:
 
 @dataclass(frozen=True)
 class PathData:
-    """The states that one path reached, and why it was cut if it was."""
+    """The k states that one path reached, as plain arrays, and why it was cut if it was."""
 
     path: int
-    states: tuple[RVEState, ...]
+    F: Array
+    """Deformation gradients (k, 3, 3)."""
+    first_piola: Array
+    """P (k, 3, 3), Pa."""
+    energy: Array
+    """Stored energy per reference volume (k,), J/m^3."""
+    tangent: Array
+    """d sym(P) / d strain (k, 6, 6), Pa."""
+    negative_pivots: int
+    """The most unstable directions that a recorded state has."""
     failure: str | None
 
 
 def sample_path(rve: RVE, box: StrainBox, *, steps: int, seed: int, path: int) -> PathData:
     """Follow one path; where the equilibrium is lost it is cut, with the reason."""
     rve.reset()
-    states = []
+    states: list[RVEState] = []
+    failure = None
     for strain in strain_path(box, steps=steps, seed=seed, path=path):
         try:
             states.append(rve.solve_strain(strain))
         except ConvergenceError as error:
-            return PathData(path, tuple(states), str(error))
-    return PathData(path, tuple(states), None)
+            failure = str(error)
+            break
+    return PathData(
+        path=path,
+        F=np.array([state.F for state in states]).reshape(-1, 3, 3),
+        first_piola=np.array([state.first_piola for state in states]).reshape(-1, 3, 3),
+        energy=np.array([state.energy for state in states]),
+        tangent=np.array([state.tangent for state in states]).reshape(-1, 6, 6),
+        negative_pivots=max((state.equilibrium.negative_pivots or 0 for state in states), default=0),
+        failure=failure,
+    )
 
 
 def sample_paths(
@@ -123,20 +142,20 @@ def join_paths(
         InputError: no state was reached at all.
     """
     ordered = sorted(paths, key=lambda data: data.path)
-    rows = [(data.path, step, state) for data in ordered for step, state in enumerate(data.states)]
-    if not rows:
-        reasons = "; ".join({data.failure for data in ordered if data.failure})
+    counts = [len(data.F) for data in ordered]
+    if not sum(counts):
+        reasons = "; ".join(sorted({data.failure for data in ordered if data.failure}))
         raise InputError(f"paths: expected at least one state in equilibrium, got none ({reasons})")
-    states = [state for _, _, state in rows]
+    F = np.concatenate([data.F for data in ordered])
     return Dataset(
-        strain=np.array([state.strain for state in states]),
-        stress=to_mandel(np.array([state.first_piola for state in states])),
+        strain=to_mandel(F - np.eye(3)),
+        stress=to_mandel(np.concatenate([data.first_piola for data in ordered])),
         stress_measure="first_piola",
-        path=np.array([path for path, _, _ in rows]),
-        step=np.array([step for _, step, _ in rows]),
-        tangent=np.array([state.tangent for state in states]),
-        deformation_gradient=np.array([state.F for state in states]),
-        energy=np.array([state.energy for state in states]),
+        path=np.repeat([data.path for data in ordered], counts),
+        step=np.concatenate([np.arange(count) for count in counts]),
+        tangent=np.concatenate([data.tangent for data in ordered]),
+        deformation_gradient=F,
+        energy=np.concatenate([data.energy for data in ordered]),
         parameters=parameters,
         versions=versions,
         seed=seed,

@@ -1,0 +1,74 @@
+"""Tensegrity micro-solver: truncated-octahedron cells, their equilibrium, and what they are as a continuum.
+
+The job as a chain: structure -> prestress -> equilibrium -> homogenise, RVE -> sampling -> data set.
+SI units throughout; strain and stress vectors are Mandel (tsg_micro.mandel).
+"""
+
+from tsg_micro.dataset import (
+    Dataset,
+    append_dataset,
+    convert_dataset,
+    join_datasets,
+    read_dataset,
+    take,
+    write_dataset,
+)
+from tsg_micro.equilibrium import Equilibrium, EquilibriumSolver
+from tsg_micro.errors import ConvergenceError, InputError
+from tsg_micro.homogenise import BlockFields, block_fields, cell_gradient, kirchhoff_stress
+from tsg_micro.lattice import box_cells, lattice, side_nodes, spheroid_cells
+from tsg_micro.mandel import from_mandel, pressure, to_mandel, von_mises
+from tsg_micro.newton import NewtonOptions
+from tsg_micro.parameters import CellParameters
+from tsg_micro.prestress import SelfStress, prestressed, self_stress, with_bar_force, with_force_density
+from tsg_micro.rve import RVE, RVEState, build_rve
+from tsg_micro.sampling import BOXES, StrainBox, join_paths, sample_paths, strain_path
+from tsg_micro.structure import Structure, equilibrium_matrix, from_arrays, member_vectors
+from tsg_micro.unit_cell import UnitCell, unit_cell
+
+__all__ = [
+    "BOXES",
+    "RVE",
+    "BlockFields",
+    "CellParameters",
+    "ConvergenceError",
+    "Dataset",
+    "Equilibrium",
+    "EquilibriumSolver",
+    "InputError",
+    "NewtonOptions",
+    "RVEState",
+    "SelfStress",
+    "StrainBox",
+    "Structure",
+    "UnitCell",
+    "append_dataset",
+    "block_fields",
+    "box_cells",
+    "build_rve",
+    "cell_gradient",
+    "convert_dataset",
+    "equilibrium_matrix",
+    "from_arrays",
+    "from_mandel",
+    "join_datasets",
+    "join_paths",
+    "kirchhoff_stress",
+    "lattice",
+    "member_vectors",
+    "pressure",
+    "prestressed",
+    "read_dataset",
+    "sample_paths",
+    "self_stress",
+    "side_nodes",
+    "spheroid_cells",
+    "strain_path",
+    "take",
+    "to_mandel",
+    "unit_cell",
+    "von_mises",
+    "with_bar_force",
+    "with_force_density",
+    "write_dataset",
+]
