@@ -1,0 +1,44 @@
+"""Scenes shared by the tests of the micro-solver."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tsg_micro.lattice import box_cells, lattice, side_nodes
+from tsg_micro.parameters import CellParameters
+from tsg_micro.prestress import prestressed
+
+
+@pytest.fixture
+def cell():
+    """Cell with the values of the paper's Table 1."""
+    return CellParameters()
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(11)
+
+
+@pytest.fixture
+def box(cell):
+    """A prestressed box: ``box(nx, ny, nz, bar_force=..., periodic=..., images=...)``."""
+
+    def make(nx, ny, nz, *, bar_force=1e-8, **options):
+        return prestressed(lattice(box_cells(nx, ny, nz), cell, **options), cell, bar_force)
+
+    return make
+
+
+@pytest.fixture
+def clamped():
+    """Mask (n, 3) of the displacements of both outer faces across an axis, and the nodes of the high face."""
+
+    def make(structure, axis):
+        high = side_nodes(structure, axis, end="high")
+        fixed = np.zeros(structure.nodes.shape, dtype=bool)
+        fixed[high] = fixed[side_nodes(structure, axis, end="low")] = True
+        return fixed, high
+
+    return make

@@ -1,0 +1,344 @@
+"""Figures of tensegrity structures and their results, and the file that ParaView opens.
+
+Lengths in m, forces in N, stresses in Pa go in; a Matplotlib figure that needs no display comes out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import matplotlib as mpl
+import meshio
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
+from numpy.typing import ArrayLike, NDArray
+
+from tsg_micro.assembly import MemberState
+from tsg_micro.errors import InputError
+from tsg_micro.files import atomic_path
+from tsg_micro.structure import Structure, member_vectors
+from tsg_micro.unit_cell import KINDS
+
+__all__ = ["plot_blocks", "plot_curve", "plot_sheet", "plot_structure", "save_figure", "write_vtu"]
+
+Array = NDArray[np.float64]
+
+_STYLE = {"font.size": 13, "axes.titlesize": 14, "axes.linewidth": 0.8, "savefig.dpi": 200}
+_MICRO = 1e6
+_COLOURS = ("#0072b2", "#e69f00", "#2b2b33")  # by kind; told apart with any colour vision
+_WIDTHS = np.array([0.5, 0.5, 1.0])
+_AZIMUTH, _ELEVATION = np.radians(-64.0), np.radians(22.0)
+# grey, not white, in the middle: thin members of a small force must not vanish
+_FORCE = LinearSegmentedColormap.from_list("force", ["#053061", "#2f79b5", "#c0c0c0", "#d6604d", "#67001f"])
+
+
+def plot_structure(structure: Structure, displacement: Array | None = None) -> Figure:
+    """The structure in space (parallel projection), at ``displacement`` (n, 3) in m if given; far members fade.
+
+    Raises:
+        InputError: ``displacement`` has another shape than the nodes, or is not finite.
+    """
+    right = np.array([-np.sin(_AZIMUTH), np.cos(_AZIMUTH), 0.0])
+    towards = np.array(
+        [np.cos(_ELEVATION) * np.cos(_AZIMUTH), np.cos(_ELEVATION) * np.sin(_AZIMUTH), np.sin(_ELEVATION)]
+    )
+    camera = np.column_stack([right, np.cross(towards, right), towards])
+    segments = _MICRO * _segments(structure, displacement) @ camera
+    segments = np.append(segments[..., :2], segments[..., 2:].mean(axis=1, keepdims=True).repeat(2, axis=1), axis=2)
+    order = np.argsort(segments[:, 0, 2])
+    segments, kind = segments[order], structure.kind[order]
+
+    low, high = segments.reshape(-1, 3).min(axis=0), segments.reshape(-1, 3).max(axis=0)
+    extent = high - low
+    scale = 8.0 / max(extent[:2].max(), 1e-300)  # inches per µm
+    points = 72 * scale * float(np.median(np.linalg.norm(np.diff(segments[..., :2], axis=1), axis=2)))
+    width = np.clip(0.075 * points, 0.6, 6.0) * _WIDTHS[kind]
+    far = (high[2] - segments[:, 0, 2]) / max(extent[2], 1e-300)
+    # One cell needs no haze; of a dense body only the near half is seen.
+    haze = min(1.0, len(kind) / 400) * min(1.0 + len(kind) / 40000, 2.0)
+    fade = 0.7 * np.clip(haze * far, 0.0, 1.25)[:, None]
+    colour = np.array([to_rgb(c) for c in _COLOURS])[kind] * (1 - fade) + 0.97 * fade
+
+    with mpl.rc_context(_STYLE):
+        figure = _figure(*np.maximum(extent[:2] * scale + (0.4, 1.0), 3.5))
+        axes = figure.add_subplot()
+        _cased(axes, segments[..., :2], colour, width, np.ones_like(colour))
+        _frame(axes, low, high, 0.02)
+        axes.set_axis_off()
+        handles = [Line2D([], [], color=_COLOURS[k], linewidth=4 * _WIDTHS[k], label=KINDS[k]) for k in (2, 0, 1)]
+        figure.legend(handles=handles, loc="outside upper center", ncols=3, frameon=False)
+        _scale_bar(axes, low, extent)
+        _triad(axes, camera)
+    return figure
+
+
+def plot_sheet(structure: Structure, displacement: Array, force: Array) -> Figure:
+    """A deformed lattice seen from above, members coloured by axial force, and a few blocks of a corner enlarged.
+
+    The colours end at the 98th percentile of the absolute force.
+
+    Args:
+        structure: a lattice.
+        displacement: (n, 3), m.
+        force: (m,), N, tension positive.
+
+    Raises:
+        InputError: an array of another shape, or not finite, or the structure is no lattice.
+    """
+    if len(structure.cells) == 0:
+        raise InputError("structure: expected a lattice of cells, got a structure without")
+    force = _finite("force", force, (len(structure.members),)) * 1e9
+    segments = _MICRO * _segments(structure, displacement)
+    order = np.argsort(segments[..., 2].mean(axis=1))  # what lies above is drawn last
+    segments, force, bars = segments[order, :, :2], force[order], structure.bars[order]
+
+    low, high = segments.reshape(-1, 2).min(axis=0), segments.reshape(-1, 2).max(axis=0)
+    block = 2 * _MICRO * structure.size[0] / (np.ptp(structure.cells[:, 0]) + 1)
+    side = min(2.6 * block, *(0.6 * (high - low)))
+    window_high = high + 0.03 * side  # the corner next to its enlargement
+    aspect = float(np.clip((high - low)[0] / (high - low)[1], 0.25, 4.0))
+    top = float(np.percentile(np.abs(force), 98)) or 1.0
+    scale = ScalarMappable(Normalize(-top, top), _FORCE)
+    colour = scale.to_rgba(force)[:, :3]
+    extend = (("neither", "max"), ("min", "both"))[bool(force.min() < -top)][bool(force.max() > top)]
+    with mpl.rc_context(_STYLE):
+        height = float(np.clip(9.5 / aspect, 3.4, 7.0))
+        figure = _figure(height * (aspect + 1.0) + 2.2, height + 0.7)
+        grid = figure.subplots(1, 2, width_ratios=[aspect, 1.0])
+        windows = [(low, high), (window_high - side, window_high)]
+        for axes, (start, end) in zip(grid, windows, strict=True):
+            inside = ((segments.max(axis=1) >= start) & (segments.min(axis=1) <= end)).all(axis=1)
+            cell = 72 * height * 0.5 * block / (end - start)[1]  # points
+            width = np.clip(0.055 * cell, 0.7, 5.0) * np.where(bars, 1.0, 0.55)[inside]
+            edge = np.where(bars[inside, None], 0.1, 1.0) * np.ones(3)
+            _cased(axes, segments[inside], colour[inside], width, edge)
+            _frame(axes, start, end, 0.01 if axes is grid[0] else 0.0)
+            axes.set_xlabel(r"$x$ / µm")
+        grid[0].set_ylabel(r"$y$ / µm")
+        grid[0].indicate_inset_zoom(grid[1], edgecolor="black", linewidth=1.2, alpha=0.9)
+        handles = [
+            Line2D(
+                [], [], color="0.55", linewidth=4, label="bar", path_effects=[withStroke(linewidth=6, foreground="0.1")]
+            ),
+            Line2D([], [], color="0.55", linewidth=2, label="tendon"),
+        ]
+        grid[0].legend(handles=handles, loc="lower left", bbox_to_anchor=(0, 1), ncols=2, frameon=False)
+        cax = grid[1].inset_axes((1.04, 0.0, 0.05, 1.0))
+        figure.colorbar(scale, cax=cax, label="member force / nN", extend=extend)
+    return figure
+
+
+def plot_blocks(
+    midpoint: Array,
+    fields: Mapping[str, tuple[ArrayLike, str]],
+    *,
+    displacement: Array | None = None,
+    columns: int = 2,
+) -> Figure:
+    """Fields per block of a box of blocks, each on a scale of its own; of several layers the uppermost is drawn.
+
+    Args:
+        midpoint: reference midpoints (b, 3) of the blocks, m.
+        fields: title -> (values (b,), unit); stresses in Pa.
+        displacement: of the midpoints (b, 3), m; given, the blocks are drawn deformed.
+        columns: of panels.
+
+    Raises:
+        InputError: the midpoints are not those of a full regular grid, or a field is of another length or not finite.
+    """
+    top = midpoint[:, 2] > midpoint[:, 2].max() - 1e-6 * np.ptp(midpoint, axis=0).max() - 1e-300
+    midpoint = midpoint[top]
+    if displacement is not None:
+        displacement = _finite("displacement", displacement, (len(top), 3))[top]
+    outline = _MICRO * _outlines(midpoint, displacement)
+    extent = np.ptp(outline.reshape(-1, 2), axis=0)
+    with mpl.rc_context(_STYLE):
+        rows = -(-len(fields) // columns)
+        figure = _figure(6.2 * columns, (0.9 + 4.4 * float(np.clip(extent[1] / extent[0], 0.25, 1.5))) * rows)
+        grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
+        for axes, (title, (values, unit)) in zip(grid, fields.items(), strict=False):
+            shown = _finite(f"field {title}", values, (len(top),))[top]
+            drawn = PolyCollection(list(outline), array=shown, cmap="viridis", edgecolors="face", linewidths=0.2)
+            if np.ptp(shown) == 0:  # a constant field gets some room
+                drawn.set_clim(*(shown[0] + np.array([-0.5, 0.5]) * (abs(shown[0]) or 1.0)))
+            axes.add_collection(drawn)
+            axes.set_aspect("equal")
+            axes.autoscale_view()
+            axes.margins(0)
+            axes.set_title(title)
+            figure.colorbar(drawn, cax=axes.inset_axes((1.02, 0.0, 0.03, 1.0)), label=unit)
+        for i, axes in enumerate(grid):
+            axes.set_visible(i < len(fields))
+            if i % columns == 0:
+                axes.set_ylabel(r"$y$ / µm")
+            if len(fields) - columns <= i < len(fields):
+                axes.set_xlabel(r"$x$ / µm")
+                axes.tick_params(labelbottom=True)
+    return figure
+
+
+def plot_curve(
+    strain: ArrayLike, stress: ArrayLike, *, strain_label: str = "nominal strain", stress_label: str = "nominal stress"
+) -> Figure:
+    """Stress (steps,) in Pa over strain (steps,), each step a marker.
+
+    Raises:
+        InputError: the arrays differ in length, are empty, or hold NaN.
+    """
+    strain = _finite("strain", strain, (np.size(strain),))
+    stress = _finite("stress", stress, strain.shape)
+    unit, factor = ("kPa", 1e-3) if np.abs(stress).max(initial=0.0) >= 2e3 else ("Pa", 1.0)
+    with mpl.rc_context(_STYLE):
+        figure = _figure(6.5, 4.5)
+        axes = figure.add_subplot()
+        axes.plot(100 * strain, factor * stress, "o-", color="#20639b", markersize=5)
+        axes.set_xlabel(f"{strain_label} / %")
+        axes.set_ylabel(f"{stress_label} / {unit}")
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.grid(color="0.9", linewidth=0.8)
+    return figure
+
+
+def save_figure(figure: Figure, path: str | Path) -> None:
+    """Write the figure, whole or not at all; the suffix chooses the format.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    with atomic_path(path) as temporary, mpl.rc_context(_STYLE):
+        figure.savefig(temporary)
+
+
+def write_vtu(path: str | Path, structure: Structure, displacement: Array, members: MemberState) -> None:
+    """The deformed members as lines, for ParaView: file ``path`` with the suffix .vtu, whole or not at all.
+
+    Cell data: ``kind`` (index into KINDS), ``force`` in N, ``strain`` l/l0 - 1, ``slack`` (0 or 1), ``cell`` and
+    ``block`` (the first of a shared member's; -1 for none). Point data: ``displacement`` in m.
+    Members that end at a periodic image are left out.
+
+    Raises:
+        InputError: another suffix, a displacement that does not fit, or a folder that cannot be written.
+    """
+    if Path(path).suffix != ".vtu":
+        raise InputError(f"path: expected a file name that ends in .vtu, got {path}")
+    displacement = _finite("displacement", displacement, structure.nodes.shape)
+    inside = ~structure.shift.any(axis=1)
+    cell = np.full(len(inside), -1)
+    if len(structure.cells):
+        cell = structure.member_cells[:, 0]
+    block = np.append(structure.cell_block, -1)[cell]  # the last one stands for "no cell"
+    data = {
+        "kind": structure.kind,
+        "force": members.force,
+        "strain": members.length / structure.rest_length - 1.0,
+        "slack": (members.stiffness == 0.0).astype(np.uint8),
+        "cell": cell,
+        "block": block,
+    }
+    mesh = meshio.Mesh(
+        structure.nodes + displacement,
+        [("line", structure.members[inside])],
+        point_data={"displacement": displacement},
+        cell_data={name: [values[inside]] for name, values in data.items()},
+    )
+    with atomic_path(path) as temporary:
+        mesh.write(temporary, file_format="vtu")
+
+
+def _figure(width: float, height: float) -> Figure:
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)  # no display, whatever backend is set
+    return figure
+
+
+def _finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
+    array = np.asarray(values, dtype=float)
+    if array.shape != shape or array.size == 0 or not np.isfinite(array).all():
+        raise InputError(f"{name}: expected finite numbers of shape {shape}, got shape {array.shape} or NaN")
+    return array
+
+
+def _segments(structure: Structure, displacement: Array | None) -> Array:
+    """Ends (m, 2, 3) of the members, m; a member to a periodic image is drawn as far as that image."""
+    start, vector = structure.nodes[structure.members[:, 0]], member_vectors(structure)
+    ends = np.stack([start, start + vector], axis=1)
+    if displacement is None:
+        return ends
+    return ends + _finite("displacement", displacement, structure.nodes.shape)[structure.members]
+
+
+def _cased(axes: Axes, segments: Array, colour: Array, width: Array, edge: Array) -> None:
+    """Members in the order given, each with an edge around it that parts it from what lies behind."""
+    if width.max(initial=0.0) >= 1.2:
+        inset = 0.04 * (segments[:, 1] - segments[:, 0])  # no edge around what meets at a node
+        segments = np.stack([segments + np.stack([inset, -inset], axis=1), segments], axis=1).reshape(-1, 2, 2)
+        colour = np.stack([np.broadcast_to(edge, colour.shape), colour], axis=1).reshape(-1, 3)
+        width = np.column_stack([1.35 * width + 0.3 * np.minimum(width, 2.3), width]).ravel()
+    lines = LineCollection(segments, colors=colour, linewidths=width, capstyle="round", rasterized=True)
+    axes.add_collection(lines, autolim=False)
+
+
+def _frame(axes: Axes, low: Array, high: Array, margin: float) -> None:
+    room = margin * (high - low)[:2].max()
+    axes.set_xlim(low[0] - room, high[0] + room)
+    axes.set_ylim(low[1] - room, high[1] + room)
+    axes.set_aspect("equal")
+
+
+def _scale_bar(axes: Axes, low: Array, extent: Array) -> None:
+    """A bar of 1, 2 or 5 times a power of ten µm, below the structure."""
+    wanted = 0.25 * extent[0]
+    power = 10.0 ** np.floor(np.log10(wanted))
+    length = max(k * power for k in (1, 2, 5) if k * power <= wanted)
+    y = low[1] - 0.06 * extent[:2].max()
+    axes.plot([low[0], low[0] + length], [y, y], color="black", linewidth=3, solid_capstyle="butt")
+    axes.annotate(
+        f"{length:g} µm", (low[0] + 0.5 * length, y), (0, -5), textcoords="offset points", ha="center", va="top"
+    )
+    axes.set_ylim(bottom=y - 0.07 * extent[:2].max())
+
+
+def _triad(axes: Axes, camera: Array) -> None:
+    """The directions x, y, z in the lower right corner."""
+    corner = axes.inset_axes((0.88, 0.0, 0.12, 0.12))
+    corner.set(xlim=(-0.7, 1.3), ylim=(-0.7, 1.3), aspect="equal")
+    corner.set_axis_off()
+    for name, (x, y) in zip("xyz", camera[:, :2], strict=True):
+        corner.annotate(
+            "", (x, y), (0, 0), arrowprops={"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "color": "0.2"}
+        )
+        corner.text(1.3 * x, 1.3 * y, f"${name}$", ha="center", va="center", fontsize=11)
+
+
+def _outlines(midpoint: Array, displacement: Array | None) -> Array:
+    """Quadrilaterals (b, 4, 2) in m of the blocks of one layer, from their midpoints (b, 3) and displacements."""
+    extent = np.ptp(midpoint[:, :2], axis=0)
+    places = [np.unique(np.round(midpoint[:, i] / (extent.max() or 1.0), 6), return_inverse=True) for i in (0, 1)]
+    shape = tuple(len(values) for values, _ in places)
+    flat = places[0][1] * shape[1] + places[1][1]
+    steps = [np.diff(values) for values, _ in places]
+    if len(np.unique(flat)) != np.prod(shape) or any(len(d) and np.ptp(d) > 0.01 * d.mean() for d in steps):
+        raise InputError(f"block midpoints: expected a full regular grid, got {len(midpoint)} blocks that are none")
+    pitch = [extent[i] / (shape[i] - 1) if shape[i] > 1 else 0.0 for i in (0, 1)]
+    half = 0.5 * np.array([p or max(pitch) or 1e-6 for p in pitch])
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    outline = midpoint[:, None, :2] + (2 * corners - 1) * half
+    if displacement is not None:
+        at_corners = np.empty((*shape, 2))
+        at_corners[places[0][1], places[1][1]] = displacement[:, :2]
+        for axis in (0, 1):  # means between the midpoints, straight on at the sides
+            u = np.moveaxis(at_corners, axis, 0)
+            i = min(1, len(u) - 1)
+            first, last = 1.5 * u[0] - 0.5 * u[i], 1.5 * u[-1] - 0.5 * u[-1 - i]
+            ends = [first[None], 0.5 * (u[1:] + u[:-1]), last[None]]
+            at_corners = np.moveaxis(np.concatenate(ends), 0, axis)
+        outline = outline + at_corners[places[0][1][:, None] + corners[:, 0], places[1][1][:, None] + corners[:, 1]]
+    return outline

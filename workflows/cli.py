@@ -1,0 +1,261 @@
+"""The command line: one command a workflow. Nothing is imported before the command that needs it is called."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+import traceback
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from workflows.ranks import leave, under_mpirun
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    help="Multiscale cell mechanics: tensegrity cells, RVE data, data-driven finite elements. SI units throughout.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+
+class Load(StrEnum):
+    """Macroscopic loads."""
+
+    stretch = "stretch"
+    shear = "shear"
+
+
+class Box(StrEnum):
+    """Strain boxes to sample."""
+
+    stretch = "stretch"
+    shear = "shear"
+    inplane = "inplane"
+    full = "full"
+
+
+class Measure(StrEnum):
+    """Stress measures."""
+
+    first_piola = "first_piola"
+    second_piola = "second_piola"
+    kirchhoff = "kirchhoff"
+    cauchy = "cauchy"
+
+
+Out = Annotated[Path, typer.Option("--out", help="Output folder.")]
+OutFile = Annotated[Path, typer.Option("--out", help="Output file, .h5.")]
+BarForce = Annotated[float, typer.Option(help="Compression of the bars at rest, f_b, in N.")]
+Strain = Annotated[float, typer.Option(help="Displacement of the top side over the height of the sheet.")]
+Plots = Annotated[bool, typer.Option("--plots/--no-plots", help="Draw the figures and write the ParaView file.")]
+
+
+def _say(text: str) -> None:
+    """Print on rank 0 only."""
+    mpi = sys.modules.get("mpi4py.MPI")
+    if mpi is None or mpi.COMM_WORLD.rank == 0:
+        print(text, flush=True)
+
+
+def _report(summary: dict[str, Any], names: str, out: Path) -> None:
+    """The figures that a person wants to see, and where the rest is."""
+    units = summary["units"]
+    for name in names.split():
+        value = summary[name]
+        text = f"{value:.4g}" if isinstance(value, float) else str(value)
+        _say(f"{name:24} {text} {units.get(name, '')}".rstrip())
+    _say(f"{'results':24} {out}")
+
+
+@app.command()
+def structure(
+    out: Out,
+    cells: Annotated[tuple[int, int, int] | None, typer.Option(help="Cells along x, y, z.")] = None,
+    shape: Annotated[str, typer.Option(help="box or spheroid.")] = "box",
+    radius: Annotated[float | None, typer.Option(help="Radius of a spheroid, in blocks of 2x2x2 cells.")] = None,
+    bar_force: BarForce = 1e-8,
+    half_diagonal: Annotated[float, typer.Option(help="Half-diagonal r of a square face, in (0, 1).")] = 0.5,
+    plots: Plots = True,
+) -> None:
+    """Build a lattice of cells, check its self-stress, draw it."""
+    from workflows.structure import structure as run
+
+    summary = run(
+        out, cells=cells, shape=shape, radius=radius, bar_force=bar_force, half_diagonal=half_diagonal, plots=plots
+    )
+    _report(summary, "nodes bars tendons cells self_stress_states mechanisms equilibrium_residual", out)
+
+
+@app.command()
+def sample(
+    out: OutFile,
+    load: Annotated[Box, typer.Option(help="Strain box to sample.")] = Box.stretch,
+    paths: Annotated[int, typer.Option(help="Number of loading paths.")] = 400,
+    steps: Annotated[int, typer.Option(help="Points along each path.")] = 10,
+    bar_force: BarForce = 1e-8,
+    seed: Annotated[int, typer.Option(help="Seed; the data depend on nothing else that is random.")] = 0,
+    blocks: Annotated[tuple[int, int, int], typer.Option(help="Size of the RVE in 2x2x2-cell blocks.")] = (1, 1, 1),
+    stress_measure: Annotated[Measure, typer.Option(help="Stress to store.")] = Measure.first_piola,
+    append: Annotated[bool, typer.Option("--append", help="Add to the file if it is there.")] = False,
+    processes: Annotated[int | None, typer.Option(help="Processes without mpirun; all cores if not given.")] = None,
+    plots: Plots = True,
+) -> None:
+    """Sample material data from random loading paths through a periodic RVE; also under mpirun."""
+    from workflows.sample import sample as run
+
+    summary = run(
+        out,
+        load=load.value,
+        paths=paths,
+        steps=steps,
+        bar_force=bar_force,
+        seed=seed,
+        blocks=blocks,
+        stress_measure=stress_measure.value,
+        append=append,
+        processes=processes,
+        plots=plots,
+    )
+    _report(summary, "points paths failed_paths processes seconds", out)
+
+
+@app.command()
+def dns(
+    out: Out,
+    blocks: Annotated[tuple[int, int], typer.Option(help="2x2x2-cell blocks along x and y.")] = (30, 15),
+    load: Annotated[Load, typer.Option(help="How the top side moves.")] = Load.stretch,
+    strain: Strain = 0.05,
+    bar_force: BarForce = 1e-8,
+    steps: Annotated[int, typer.Option(help="Recorded load steps.")] = 4,
+    linear_solver: Annotated[str, typer.Option(help="auto, superlu, pardiso or mumps.")] = "auto",
+    plots: Plots = True,
+) -> None:
+    """Load a sheet with every bar and tendon: the reference solution."""
+    from workflows.dns import dns as run
+
+    summary = run(
+        out,
+        blocks=blocks,
+        load=load.value,
+        strain=strain,
+        bar_force=bar_force,
+        steps=steps,
+        linear_solver=linear_solver,
+        plots=plots,
+        say=_say,
+    )
+    _report(summary, "dofs nominal_stress newton_iterations factorisations negative_pivots seconds", out)
+
+
+@app.command()
+def solve(
+    data: Annotated[Path, typer.Option(help="Material data, HDF5.")],
+    out: Out,
+    elements: Annotated[tuple[int, int, int] | None, typer.Option(help="Elements along x, y, z; a block each.")] = None,
+    mesh: Annotated[Path | None, typer.Option(help="Hexahedral gmsh mesh in m, sides named bottom and top.")] = None,
+    load: Annotated[Load, typer.Option(help="How the top side moves.")] = Load.stretch,
+    strain: Strain = 0.05,
+    metric: Annotated[str, typer.Option(help="auto, tangent or secant.")] = "auto",
+    stress_measure: Annotated[Measure | None, typer.Option(help="Stress to solve in; that of the data if absent.")] = None,
+    max_iterations: Annotated[int, typer.Option(help="Fixed-point iterations at most.")] = 300,
+    over_relaxation: Annotated[float, typer.Option(help="Query at y + w (z - y), 1 <= w < 2; 1 is the plain method.")] = 1.7,
+    plots: Plots = True,
+) -> None:
+    """Data-driven solution of a sheet; runs on any number of ranks (mpirun -n N tsgdd solve ...)."""
+    import dd_macro
+    from workflows.solve import Scene
+    from workflows.solve import solve as run
+
+    summary = run(
+        out,
+        data=data,
+        scene=Scene(load.value, strain, elements=elements, mesh=mesh),
+        metric=metric,
+        stress_measure=None if stress_measure is None else stress_measure.value,
+        options=dd_macro.SolverOptions(max_iterations=max_iterations, over_relaxation=over_relaxation),
+        plots=plots,
+        say=_say,
+    )
+    _report(summary, "iterations converged normalised_distance quadrature_points data_points ranks seconds", out)
+
+
+@app.command()
+def compare(
+    dd: Annotated[Path, typer.Option(help="Folder of a data-driven run.")],
+    dns: Annotated[Path, typer.Option(help="Folder of the full tensegrity run of the same scene.")],
+    out: Out,
+    plots: Plots = True,
+) -> None:
+    """Compare data-driven stresses with those of the full tensegrity, block by block."""
+    from workflows.compare import compare as run
+
+    summary = run(out, dd=dd, dns=dns, plots=plots)
+    for name in ("error_p_mech", "error_p_mat", "error_q_mech", "error_q_mat"):
+        values = "  ".join(f"{kind} {value:.2%}" for kind, value in summary[name].items())
+        _say(f"{name:24} {values}")
+    _say(f"{'results':24} {out}")
+
+
+@app.command(name="import-csv")
+def import_csv(
+    csv: Annotated[Path, typer.Argument(help="Measured strain and stress, with a header line.")],
+    column: Annotated[list[str], typer.Option(help="COMPONENT=HEADER:UNIT, e.g. eps_yy=strain:% ; once a column.")],
+    out: OutFile,
+    zero: Annotated[list[str] | None, typer.Option(help="Component that is zero by the experiment, e.g. sigma_zz.")] = None,
+    stress_measure: Annotated[Measure, typer.Option(help="What the measured stress is.")] = Measure.cauchy,
+) -> None:
+    """Turn measured data into a data set; columns and units are declared, nothing is guessed."""
+    from workflows.import_csv import import_csv as run
+
+    run(csv, column=column, zero=zero or [], stress_measure=stress_measure.value, out=out)
+
+
+@app.command()
+def demo(
+    out: Out,
+    blocks: Annotated[tuple[int, int], typer.Option(help="Blocks along x and y.")] = (30, 15),
+    paths: Annotated[int, typer.Option(help="Loading paths to sample.")] = 400,
+) -> None:
+    """The whole chain: sample, full tensegrity, data-driven solve, compare, and one figure."""
+    from workflows.demo import demo as run
+
+    run(out, blocks=blocks, paths=paths, say=_say)
+
+
+def main() -> None:
+    """Run the command line; bad input exits with 2, a run that failed with 1, each with one line."""
+    logging.captureWarnings(True)
+    try:
+        app(standalone_mode=False)
+    except Exception as error:
+        _fail(error)
+    except KeyboardInterrupt:
+        leave("tsgdd: interrupted", 130)
+
+
+def _fail(error: Exception) -> None:
+    """One line and an exit code for what went wrong; a traceback only for what should not happen."""
+    from tsg_micro.errors import ConvergenceError, InputError
+
+    one_line = " ".join(str(error).split())
+    usage = getattr(error, "format_message", None)  # a wrong option; typer carries its own copy of click or not
+    if usage is not None:
+        leave(f"tsgdd: {' '.join(usage().split())} (tsgdd --help lists the commands)", 2)
+    if isinstance(error, InputError):
+        leave(f"tsgdd: {one_line}", 2)
+    if isinstance(error, ConvergenceError) or type(error).__name__ == "KernelError":
+        leave(f"tsgdd: {one_line}", 1)
+    if isinstance(error, ModuleNotFoundError) and error.name in ("dolfinx", "petsc4py", "mpi4py", "ufl"):
+        leave(f"tsgdd: this command needs DOLFINx, {error.name} is not installed: pip install 'tsgdd[fenicsx]'", 1)
+    if isinstance(error, OSError):
+        leave(f"tsgdd: {one_line}", 1)
+    if under_mpirun() or "TSGDD_DEBUG" in os.environ:
+        traceback.print_exc()
+    leave(f"tsgdd: unexpected {type(error).__name__}: {one_line} (this is a defect; TSGDD_DEBUG=1 shows where)", 1)

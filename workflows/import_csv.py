@@ -1,0 +1,52 @@
+"""Measured data as a data set: ``tsgdd import-csv DATA.csv --column eps_yy=strain:% ... --out data.h5``."""
+
+from __future__ import annotations
+
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from tsg_micro.dataset import write_dataset
+from tsg_micro.errors import InputError
+from tsg_micro.mandel import pressure, von_mises
+from tsg_micro.measured import Column, read_csv
+
+__all__ = ["import_csv", "parse_columns"]
+
+
+def parse_columns(column: list[str]) -> dict[str, Column]:
+    """Columns by component from texts NAME=HEADER:UNIT; the last colon ends the header.
+
+    Raises:
+        InputError: a text of another form, or a name that comes twice.
+    """
+    columns: dict[str, Column] = {}
+    for text in column:
+        name, equals, rest = text.partition("=")
+        header, colon, unit = rest.rpartition(":")
+        parts = [part.strip() for part in (name, header, unit)]
+        if not (equals and colon and all(parts)):
+            raise InputError(f"column: expected NAME=HEADER:UNIT, as eps_xx=strain:%, got {text!r}")
+        if parts[0] in columns:
+            raise InputError(f"column: expected each name once, got {parts[0]} twice")
+        columns[parts[0]] = Column(header=parts[1], unit=parts[2])
+    return columns
+
+
+def import_csv(csv: Path, *, column: list[str], zero: list[str], stress_measure: str, out: Path) -> None:
+    """Write the CSV file's points to the data set ``out`` and print what came in.
+
+    ``zero`` takes names one by one or parted by commas.
+
+    Raises:
+        InputError: as tsg_micro.measured.read_csv, or ``out`` cannot be written.
+    """
+    names = [name.strip() for text in zero for name in text.split(",") if name.strip()]
+    versions = {package: metadata.version(package) for package in ("numpy", "h5py")}
+    data = read_csv(csv, columns=parse_columns(column), zero=names, stress_measure=stress_measure, versions=versions)
+    write_dataset(out, data)
+    p, q = pressure(data.stress), von_mises(data.stress)
+    print(f"{len(data)} points on {len(np.unique(data.path))} paths from {csv} to {out}")
+    print(f"  {stress_measure} stress: p {p.min():.4g} to {p.max():.4g} Pa, q up to {q.max():.4g} Pa")
+    print(f"  largest strain (Mandel norm): {np.linalg.norm(data.strain, axis=1).max():.4g}")

@@ -1,0 +1,37 @@
+"""The paper's two macroscopic loads (Section 4.2): the bottom side (y = 0) is held, the top side is moved."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tsg_micro.errors import InputError
+
+__all__ = ["LOADS", "check_load", "nominal_strain", "top_displacement"]
+
+LOADS = {"stretch": 1, "shear": 0}
+"""Load to the axis along which the top side moves; its other displacements are zero."""
+
+
+def check_load(load: str, strain: float) -> None:
+    """Raise InputError where the load is unknown, or its strain is zero, not finite or beyond -0.5 .. 1."""
+    if load not in LOADS:
+        raise InputError(f"load: expected {' or '.join(LOADS)}, got {load!r}")
+    if not (math.isfinite(strain) and strain != 0.0 and -0.5 < strain < 1.0):
+        raise InputError(f"strain: expected a number between -0.5 and 1 other than 0, got {strain}")
+
+
+def top_displacement(load: str, strain: float, height: float) -> tuple[float, float, float]:
+    """Displacement of the top side, m: ``strain`` times the ``height`` of the sheet along y."""
+    u = [0.0, 0.0, 0.0]
+    u[LOADS[load]] = strain * height
+    return (u[0], u[1], u[2])
+
+
+def nominal_strain(load: str, strain: float) -> NDArray[np.float64]:
+    """Tensor (3, 3) of the small strain that the load would cause if it were homogeneous."""
+    H = np.zeros((3, 3))
+    H[LOADS[load], 1] = strain
+    return 0.5 * (H + H.T)

@@ -1,0 +1,84 @@
+"""What every workflow leaves behind: summary.json with parameters, versions and figures with their units."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import os
+import platform
+import resource
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tsg_micro.errors import InputError
+from tsg_micro.files import atomic_path
+
+__all__ = ["peak_memory", "read_summary", "summary_path", "versions", "write_summary"]
+
+_PACKAGES = ("numpy", "scipy", "h5py", "fenics-dolfinx", "dolfinx-solver-real", "pypardiso", "mpi4py")
+
+
+def versions() -> dict[str, str]:
+    """Versions of this software, of Python and of the packages that decide the numbers."""
+    found = {"tsgdd": importlib.metadata.version("tsgdd"), "python": platform.python_version()}
+    for name in _PACKAGES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def peak_memory() -> int:
+    """Largest resident memory of this process so far, bytes."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+def summary_path(out: Path) -> Path:
+    """Where the summary of output ``out`` goes: into a folder, or beside a file as NAME.summary.json."""
+    return out / "summary.json" if out.is_dir() else out.with_name(f"{out.stem}.summary.json")
+
+
+def write_summary(
+    out: Path, *, command: str, parameters: Mapping[str, Any], figures: Mapping[str, tuple[Any, str]]
+) -> dict[str, Any]:
+    """Write and return the summary: ``figures`` maps a name to its value (SI) and unit ("" for none)."""
+    summary = {
+        "command": command,
+        "parameters": dict(parameters),
+        "versions": versions(),
+        "machine": {"processor": platform.machine(), "cores": os.cpu_count()},
+        "units": {name: unit for name, (_, unit) in figures.items() if unit},
+        **{name: value for name, (value, _) in figures.items()},
+    }
+    with atomic_path(summary_path(out)) as temporary:
+        temporary.write_text(json.dumps(summary, indent=2, default=_plain, allow_nan=False) + "\n")
+    return summary
+
+
+def _plain(value: object) -> object:
+    """Paths and NumPy values as JSON knows them."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return str(value)
+
+
+def read_summary(folder: Path, command: str) -> dict[str, Any]:
+    """The summary that ``command`` wrote into ``folder``.
+
+    Raises:
+        InputError: it is not there, is no summary, or another command's.
+    """
+    path = folder / "summary.json"
+    try:
+        summary = json.loads(path.read_text())
+    except OSError:
+        raise InputError(f"{folder}: expected a folder made by 'tsgdd {command}', it has no summary.json") from None
+    except json.JSONDecodeError:
+        raise InputError(f"{path}: expected JSON, it cannot be read as such") from None
+    if not isinstance(summary, dict) or summary.get("command") != command:
+        raise InputError(f"{folder}: expected a folder made by 'tsgdd {command}', its summary.json is of another origin")
+    return summary

@@ -1,0 +1,189 @@
+"""tsgdd sample: material data from random loading paths through an RVE."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import asdict
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from tsg_micro.dataset import append_dataset, convert_dataset, read_dataset, write_dataset
+from tsg_micro.errors import InputError
+from tsg_micro.files import output_folder
+from tsg_micro.parameters import CellParameters, check_bar_force
+from tsg_micro.rve import RVE, build_rve
+from tsg_micro.sampling import BOXES, PathData, StrainBox, join_paths, sample_paths
+from tsg_micro.stress import check_measure
+from workflows.ranks import world
+from workflows.record import versions, write_summary
+
+__all__ = ["sample"]
+
+_worker: dict[str, Any] = {}
+
+
+def sample(
+    out: Path,
+    *,
+    load: str,
+    paths: int,
+    steps: int,
+    bar_force: float,
+    seed: int = 0,
+    blocks: tuple[int, int, int] = (1, 1, 1),
+    stress_measure: str = "first_piola",
+    append: bool = False,
+    processes: int | None = None,
+    plots: bool = True,
+) -> dict[str, Any]:
+    """Sample ``paths`` paths of ``steps`` points in the strain box ``load``; the data set goes to the file ``out``.
+
+    Paths are shared among the ranks under mpirun, else among ``processes`` (all cores if None); the data are the same.
+
+    Raises:
+        InputError: an argument is not valid, or no path reached any state.
+    """
+    comm = world()
+    rank, size = (0, 1) if comm is None else (comm.rank, comm.size)
+    box = _checked(out, load, paths, steps, bar_force, seed, blocks, stress_measure, append)
+    processes = min(paths, processes or os.cpu_count() or 1) if comm is None else 1
+    begin = time.perf_counter()
+    with _progress(-(-paths // size) if rank == 0 else None) as advance:
+        if processes > 1:
+            done = _in_processes(processes, blocks, box, bar_force, paths, steps, seed, advance)
+        else:
+            with threadpool_limits(1):
+                rve = build_rve(bar_force=bar_force, blocks=blocks, free=box.free)
+                done = sample_paths(
+                    rve, box, paths=range(rank, paths, size), steps=steps, seed=seed, progress=advance
+                )
+    if comm is not None:
+        parts = comm.gather(done)
+        done = [data for part in parts for data in part] if rank == 0 else []
+    seconds = time.perf_counter() - begin
+    if rank != 0:
+        return comm.bcast(None)  # type: ignore[no-any-return]
+    parameters = {
+        "box": asdict(box),
+        "paths": paths,
+        "steps": steps,
+        "bar_force": bar_force,
+        "blocks": blocks,
+        "cell": asdict(CellParameters()),
+    }
+    dataset = convert_dataset(join_paths(done, seed=seed, parameters=parameters, versions=versions()), stress_measure)
+    failures = sorted(data.failure for data in done if data.failure)
+    if append and out.exists():
+        append_dataset(out, dataset)
+    else:
+        write_dataset(out, dataset)
+    summary = write_summary(
+        out,
+        command="sample",
+        parameters={**parameters, "load": load, "seed": seed, "stress_measure": stress_measure, "append": append},
+        figures={
+            "points": (len(dataset), ""),
+            "paths": (paths, ""),
+            "failed_paths": (len(failures), ""),
+            "failures": (failures[:5], ""),
+            "negative_pivots": (max(data.negative_pivots for data in done), ""),
+            "processes": (size if comm is not None else processes, ""),
+            "seconds": (seconds, "s"),
+            "seconds_per_point": (seconds / len(dataset), "s"),
+        },
+    )
+    if plots:
+        from tsg_micro.plot import plot_dataset, save_figure
+
+        save_figure(plot_dataset(dataset), out.with_suffix(".png"))
+    if comm is not None:
+        comm.bcast(summary)
+    return summary
+
+
+def _checked(
+    out: Path,
+    load: str,
+    paths: int,
+    steps: int,
+    bar_force: float,
+    seed: int,
+    blocks: tuple[int, int, int],
+    stress_measure: str,
+    append: bool,
+) -> StrainBox:
+    """The strain box, after every argument was checked; all ranks check alike."""
+    if load not in BOXES:
+        raise InputError(f"load: expected one of {', '.join(BOXES)}, got {load!r}")
+    for name, value, least in (("paths", paths, 1), ("steps", steps, 1), ("seed", seed, 0), ("blocks", min(blocks), 1)):
+        if value < least:
+            raise InputError(f"{name}: expected at least {least}, got {value}")
+    check_bar_force(bar_force, cells=1, EA_bar=CellParameters().EA_bar)
+    check_measure(stress_measure)
+    if out.suffix not in (".h5", ".hdf5"):
+        raise InputError(f"out: expected a file name that ends in .h5, got {out}")
+    output_folder(out.parent)
+    if append and out.exists() and read_dataset(out).stress_measure != stress_measure:
+        raise InputError(f"out {out}: expected a data set of {stress_measure} stress to append to")
+    return BOXES[load]
+
+
+@contextmanager
+def _progress(paths: int | None) -> Iterator[Callable[[], None]]:
+    """A bar with the time left, for ``paths`` paths; None draws nothing."""
+    if paths is None:
+        yield lambda: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
+
+    columns = ("sampling", BarColumn(), MofNCompleteColumn(), "paths", TimeElapsedColumn(), "left", TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        task = progress.add_task("", total=paths)
+        yield lambda: progress.advance(task)
+
+
+def _in_processes(
+    processes: int,
+    blocks: tuple[int, int, int],
+    box: StrainBox,
+    bar_force: float,
+    paths: int,
+    steps: int,
+    seed: int,
+    advance: Callable[[], None],
+) -> list[PathData]:
+    """All paths, shared among processes of this machine."""
+    done: list[PathData] = []
+    pool = ProcessPoolExecutor(
+        processes, get_context("spawn"), initializer=_start_worker, initargs=(blocks, box, bar_force)
+    )
+    with pool:
+        futures = [pool.submit(_work, box, path, steps, seed) for path in range(paths)]
+        try:
+            for future in as_completed(futures):
+                done += future.result()
+                advance()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    return done
+
+
+def _start_worker(blocks: tuple[int, int, int], box: StrainBox, bar_force: float) -> None:
+    """What a process keeps between paths."""
+    threadpool_limits(1)
+    _worker["rve"] = build_rve(bar_force=bar_force, blocks=blocks, free=box.free)
+
+
+def _work(box: StrainBox, path: int, steps: int, seed: int) -> list[PathData]:
+    """One path, in a process of the pool."""
+    rve: RVE = _worker["rve"]
+    return sample_paths(rve, box, paths=[path], steps=steps, seed=seed)
