@@ -123,6 +123,7 @@ def plot_sheet(structure: Structure, displacement: Array, force: Array) -> Figur
             _frame(axes, start, end, 0.01 if axes is grid[0] else 0.0)
             axes.set_xlabel(r"$x$ / µm")
         grid[0].set_ylabel(r"$y$ / µm")
+        grid[1].tick_params(labelleft=False)  # the guide lines run there
         grid[0].indicate_inset_zoom(grid[1], edgecolor="black", linewidth=1.2, alpha=0.9)
         handles = [
             Line2D(
@@ -142,6 +143,7 @@ def plot_blocks(
     *,
     displacement: Array | None = None,
     columns: int = 2,
+    single: float = 20e-6,
 ) -> Figure:
     """Fields per block of a box of blocks, each on a scale of its own; of several layers the uppermost is drawn.
 
@@ -150,15 +152,16 @@ def plot_blocks(
         fields: title -> (values (b,), unit); stresses in Pa.
         displacement: of the midpoints (b, 3), m; given, the blocks are drawn deformed.
         columns: of panels.
+        single: edge length in m of a block that is alone, so that no distance tells it.
 
     Raises:
         InputError: the midpoints are not those of a full regular grid, or a field is of another length or not finite.
     """
-    top = midpoint[:, 2] > midpoint[:, 2].max() - 1e-6 * np.ptp(midpoint, axis=0).max() - 1e-300
+    top = midpoint[:, 2] >= midpoint[:, 2].max() - 1e-6 * np.ptp(midpoint, axis=0).max()
     midpoint = midpoint[top]
     if displacement is not None:
         displacement = _finite("displacement", displacement, (len(top), 3))[top]
-    outline = _MICRO * _outlines(midpoint, displacement)
+    outline = _MICRO * _outlines(midpoint, displacement, single)
     extent = np.ptp(outline.reshape(-1, 2), axis=0)
     with mpl.rc_context(_STYLE):
         rows = -(-len(fields) // columns)
@@ -295,7 +298,7 @@ def _frame(axes: Axes, low: Array, high: Array, margin: float) -> None:
 
 def _scale_bar(axes: Axes, low: Array, extent: Array) -> None:
     """A bar of 1, 2 or 5 times a power of ten µm, below the structure."""
-    wanted = 0.25 * extent[0]
+    wanted = 0.25 * max(extent[:2])
     power = 10.0 ** np.floor(np.log10(wanted))
     length = max(k * power for k in (1, 2, 5) if k * power <= wanted)
     y = low[1] - 0.06 * extent[:2].max()
@@ -318,7 +321,7 @@ def _triad(axes: Axes, camera: Array) -> None:
         corner.text(1.3 * x, 1.3 * y, f"${name}$", ha="center", va="center", fontsize=11)
 
 
-def _outlines(midpoint: Array, displacement: Array | None) -> Array:
+def _outlines(midpoint: Array, displacement: Array | None, single: float) -> Array:
     """Quadrilaterals (b, 4, 2) in m of the blocks of one layer, from their midpoints (b, 3) and displacements."""
     extent = np.ptp(midpoint[:, :2], axis=0)
     places = [np.unique(np.round(midpoint[:, i] / (extent.max() or 1.0), 6), return_inverse=True) for i in (0, 1)]
@@ -328,7 +331,7 @@ def _outlines(midpoint: Array, displacement: Array | None) -> Array:
     if len(np.unique(flat)) != np.prod(shape) or any(len(d) and np.ptp(d) > 0.01 * d.mean() for d in steps):
         raise InputError(f"block midpoints: expected a full regular grid, got {len(midpoint)} blocks that are none")
     pitch = [extent[i] / (shape[i] - 1) if shape[i] > 1 else 0.0 for i in (0, 1)]
-    half = 0.5 * np.array([p or max(pitch) or 1e-6 for p in pitch])
+    half = 0.5 * np.array([p or max(pitch) or single for p in pitch])
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     outline = midpoint[:, None, :2] + (2 * corners - 1) * half
     if displacement is not None:

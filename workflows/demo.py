@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tsg_micro.files import output_folder
+from tsg_micro.plot import save_figure
 from workflows.dns import dns
 from workflows.record import write_summary
 from workflows.sample import sample
@@ -32,6 +33,7 @@ def demo(
         ConvergenceError: a solver did not converge.
     """
     from workflows.compare import compare
+    from workflows.demo_figure import plot_demo
     from workflows.solve import Scene, solve
 
     out = output_folder(out)
@@ -58,7 +60,7 @@ def demo(
     )
     say("4/4  comparison")
     compared = compare(out / "compare", dd=out / "dd", dns=out / "dns")
-    _draw(out, strain)
+    save_figure(plot_demo(out, strain=strain, errors=compared), out / "demo.png")
     seconds = time.perf_counter() - begin
     mech, mat = compared["error_p_mech"]["l2"], compared["error_p_mat"]["l2"]
     say(
@@ -82,7 +84,3 @@ def demo(
             "seconds": (seconds, "s"),
         },
     )
-
-
-def _draw(out: Path, strain: float) -> None:
-    """One figure: cells of the deformed sheet, the pressure by both routes, and the error."""

@@ -100,7 +100,8 @@ def sample(
         },
     )
     if plots:
-        from tsg_micro.plot import plot_dataset, save_figure
+        from tsg_micro.plot import save_figure
+        from tsg_micro.plot_data import plot_dataset
 
         save_figure(plot_dataset(dataset), out.with_suffix(".png"))
     if comm is not None:
