@@ -175,8 +175,13 @@ def join_datasets(first: Dataset, second: Dataset) -> Dataset:
         )
     a, b = first.arrays(), second.arrays()
     b["path"] = b["path"] + (a["path"].max() + 1)
-    joined: dict[str, Any] = {name: np.concatenate([a[name], b[name]]) if name in a and name in b else None for name in UNITS}
-    sources = [*first.parameters.get("joined", [first.parameters]), *second.parameters.get("joined", [second.parameters])]
+    joined: dict[str, Any] = {
+        name: np.concatenate([a[name], b[name]]) if name in a and name in b else None for name in UNITS
+    }
+    sources = [
+        *first.parameters.get("joined", [first.parameters]),
+        *second.parameters.get("joined", [second.parameters]),
+    ]
     seed = first.seed if first.seed == second.seed else None
     return dataclasses.replace(first, **joined, parameters={"joined": sources}, seed=seed)
 

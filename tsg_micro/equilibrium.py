@@ -72,9 +72,7 @@ class EquilibriumSolver:
             raise InputError("fixed: expected some displacements to be prescribed and some to be free")
         self.structure = structure
         self.system = MemberSystem(structure, slack=slack)
-        self.newton = NewtonSolver(
-            self.system, ~fixed.ravel(), border=border, options=options or NewtonOptions()
-        )
+        self.newton = NewtonSolver(self.system, ~fixed.ravel(), border=border, options=options or NewtonOptions())
         self.y = np.zeros(self.system.size)
         self.force = np.zeros(self.system.nodal_size)
         self._fixed = np.append(fixed.ravel(), np.ones(MACRO, dtype=bool))

@@ -20,7 +20,15 @@ from tsg_micro.parameters import CellParameters, check_bar_force
 from tsg_micro.structure import Structure, equilibrium_matrix, member_vectors
 from tsg_micro.unit_cell import unit_cell
 
-__all__ = ["SelfStress", "force_density_of_cells", "prestressed", "self_stress", "self_stress_counts", "with_bar_force", "with_force_density"]
+__all__ = [
+    "SelfStress",
+    "force_density_of_cells",
+    "prestressed",
+    "self_stress",
+    "self_stress_counts",
+    "with_bar_force",
+    "with_force_density",
+]
 
 Array = NDArray[np.float64]
 _MOST_MEMBERS, _SVD_MEMBERS = 4000, 1000
