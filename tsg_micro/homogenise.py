@@ -45,11 +45,11 @@ def cell_gradient(structure: Structure, displacement: Array) -> Array:
     above = keys // _PER_CELL
     below = above - np.eye(3, dtype=np.int64)[axis]
     height = structure.size[0] / (np.ptp(cells[:, 0]) + 1)
-    H = np.zeros((len(cells) + 1, 3, 3))
+    columns = np.zeros((3 * len(cells) + 3, 3))  # row 3 c + a: column a of H of cell c
     share = displacement / (4.0 * height)  # four nodes to a face
     for cell, sign in ((below, 1.0), (above, -1.0)):
-        np.add.at(H, (number[tuple((cell - low).T)], slice(None), axis), sign * share)
-    return H[:-1]
+        np.add.at(columns, 3 * number[tuple((cell - low).T)] + axis, sign * share)
+    return np.swapaxes(columns.reshape(-1, 3, 3)[:-1], 1, 2)
 
 
 @dataclass(frozen=True)

@@ -1,43 +1,40 @@
-"""Figures of tensegrity structures and their results, and the file that ParaView opens.
+"""Figures of tensegrity structures, and what all figures share.
 
 Lengths in m, forces in N, stresses in Pa go in; a Matplotlib figure that needs no display comes out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import matplotlib as mpl
-import meshio
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from numpy.typing import ArrayLike, NDArray
 
-from tsg_micro.assembly import MemberState
 from tsg_micro.errors import InputError
 from tsg_micro.files import atomic_path
 from tsg_micro.structure import Structure, member_vectors
 from tsg_micro.unit_cell import KINDS
 
-__all__ = ["plot_blocks", "plot_curve", "plot_sheet", "plot_structure", "save_figure", "write_vtu"]
+__all__ = ["FORCE", "MICRO", "STYLE", "finite", "new_figure", "plot_sheet", "plot_structure", "save_figure"]
 
 Array = NDArray[np.float64]
 
-_STYLE = {"font.size": 13, "axes.titlesize": 14, "axes.linewidth": 0.8, "savefig.dpi": 200}
-_MICRO = 1e6
+STYLE = {"font.size": 13, "axes.titlesize": 14, "axes.linewidth": 0.8, "savefig.dpi": 200}
+MICRO = 1e6
 _COLOURS = ("#0072b2", "#e69f00", "#2b2b33")  # by kind; told apart with any colour vision
 _WIDTHS = np.array([0.5, 0.5, 1.0])
 _AZIMUTH, _ELEVATION = np.radians(-64.0), np.radians(22.0)
 # grey, not white, in the middle: thin members of a small force must not vanish
-_FORCE = LinearSegmentedColormap.from_list("force", ["#053061", "#2f79b5", "#c0c0c0", "#d6604d", "#67001f"])
+FORCE = LinearSegmentedColormap.from_list("force", ["#053061", "#2f79b5", "#c0c0c0", "#d6604d", "#67001f"])
 
 
 def plot_structure(structure: Structure, displacement: Array | None = None) -> Figure:
@@ -51,7 +48,7 @@ def plot_structure(structure: Structure, displacement: Array | None = None) -> F
         [np.cos(_ELEVATION) * np.cos(_AZIMUTH), np.cos(_ELEVATION) * np.sin(_AZIMUTH), np.sin(_ELEVATION)]
     )
     camera = np.column_stack([right, np.cross(towards, right), towards])
-    segments = _MICRO * _segments(structure, displacement) @ camera
+    segments = MICRO * _segments(structure, displacement) @ camera
     segments = np.append(segments[..., :2], segments[..., 2:].mean(axis=1, keepdims=True).repeat(2, axis=1), axis=2)
     order = np.argsort(segments[:, 0, 2])
     segments, kind = segments[order], structure.kind[order]
@@ -67,8 +64,8 @@ def plot_structure(structure: Structure, displacement: Array | None = None) -> F
     fade = 0.7 * np.clip(haze * far, 0.0, 1.25)[:, None]
     colour = np.array([to_rgb(c) for c in _COLOURS])[kind] * (1 - fade) + 0.97 * fade
 
-    with mpl.rc_context(_STYLE):
-        figure = _figure(*np.maximum(extent[:2] * scale + (0.4, 1.0), 3.5))
+    with mpl.rc_context(STYLE):
+        figure = new_figure(*np.maximum(extent[:2] * scale + (0.4, 1.0), 3.5))
         axes = figure.add_subplot()
         _cased(axes, segments[..., :2], colour, width, np.ones_like(colour))
         _frame(axes, low, high, 0.02)
@@ -95,23 +92,23 @@ def plot_sheet(structure: Structure, displacement: Array, force: Array) -> Figur
     """
     if len(structure.cells) == 0:
         raise InputError("structure: expected a lattice of cells, got a structure without")
-    force = _finite("force", force, (len(structure.members),)) * 1e9
-    segments = _MICRO * _segments(structure, displacement)
+    force = finite("force", force, (len(structure.members),)) * 1e9
+    segments = MICRO * _segments(structure, displacement)
     order = np.argsort(segments[..., 2].mean(axis=1))  # what lies above is drawn last
     segments, force, bars = segments[order, :, :2], force[order], structure.bars[order]
 
     low, high = segments.reshape(-1, 2).min(axis=0), segments.reshape(-1, 2).max(axis=0)
-    block = 2 * _MICRO * structure.size[0] / (np.ptp(structure.cells[:, 0]) + 1)
+    block = 2 * MICRO * structure.size[0] / (np.ptp(structure.cells[:, 0]) + 1)
     side = min(2.6 * block, *(0.6 * (high - low)))
     window_high = high + 0.03 * side  # the corner next to its enlargement
     aspect = float(np.clip((high - low)[0] / (high - low)[1], 0.25, 4.0))
     top = float(np.percentile(np.abs(force), 98)) or 1.0
-    scale = ScalarMappable(Normalize(-top, top), _FORCE)
+    scale = ScalarMappable(Normalize(-top, top), FORCE)
     colour = scale.to_rgba(force)[:, :3]
     extend = (("neither", "max"), ("min", "both"))[bool(force.min() < -top)][bool(force.max() > top)]
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         height = float(np.clip(9.5 / aspect, 3.4, 7.0))
-        figure = _figure(height * (aspect + 1.0) + 2.2, height + 0.7)
+        figure = new_figure(height * (aspect + 1.0) + 2.2, height + 0.7)
         grid = figure.subplots(1, 2, width_ratios=[aspect, 1.0])
         windows = [(low, high), (window_high - side, window_high)]
         for axes, (start, end) in zip(grid, windows, strict=True):
@@ -137,132 +134,25 @@ def plot_sheet(structure: Structure, displacement: Array, force: Array) -> Figur
     return figure
 
 
-def plot_blocks(
-    midpoint: Array,
-    fields: Mapping[str, tuple[ArrayLike, str]],
-    *,
-    displacement: Array | None = None,
-    columns: int = 2,
-    single: float = 20e-6,
-) -> Figure:
-    """Fields per block of a box of blocks, each on a scale of its own; of several layers the uppermost is drawn.
-
-    Args:
-        midpoint: reference midpoints (b, 3) of the blocks, m.
-        fields: title -> (values (b,), unit); stresses in Pa.
-        displacement: of the midpoints (b, 3), m; given, the blocks are drawn deformed.
-        columns: of panels.
-        single: edge length in m of a block that is alone, so that no distance tells it.
-
-    Raises:
-        InputError: the midpoints are not those of a full regular grid, or a field is of another length or not finite.
-    """
-    top = midpoint[:, 2] >= midpoint[:, 2].max() - 1e-6 * np.ptp(midpoint, axis=0).max()
-    midpoint = midpoint[top]
-    if displacement is not None:
-        displacement = _finite("displacement", displacement, (len(top), 3))[top]
-    outline = _MICRO * _outlines(midpoint, displacement, single)
-    extent = np.ptp(outline.reshape(-1, 2), axis=0)
-    with mpl.rc_context(_STYLE):
-        rows = -(-len(fields) // columns)
-        figure = _figure(6.2 * columns, (0.9 + 4.4 * float(np.clip(extent[1] / extent[0], 0.25, 1.5))) * rows)
-        grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
-        for axes, (title, (values, unit)) in zip(grid, fields.items(), strict=False):
-            shown = _finite(f"field {title}", values, (len(top),))[top]
-            drawn = PolyCollection(list(outline), array=shown, cmap="viridis", edgecolors="face", linewidths=0.2)
-            if np.ptp(shown) == 0:  # a constant field gets some room
-                drawn.set_clim(*(shown[0] + np.array([-0.5, 0.5]) * (abs(shown[0]) or 1.0)))
-            axes.add_collection(drawn)
-            axes.set_aspect("equal")
-            axes.autoscale_view()
-            axes.margins(0)
-            axes.set_title(title)
-            figure.colorbar(drawn, cax=axes.inset_axes((1.02, 0.0, 0.03, 1.0)), label=unit)
-        for i, axes in enumerate(grid):
-            axes.set_visible(i < len(fields))
-            if i % columns == 0:
-                axes.set_ylabel(r"$y$ / µm")
-            if len(fields) - columns <= i < len(fields):
-                axes.set_xlabel(r"$x$ / µm")
-                axes.tick_params(labelbottom=True)
-    return figure
-
-
-def plot_curve(
-    strain: ArrayLike, stress: ArrayLike, *, strain_label: str = "nominal strain", stress_label: str = "nominal stress"
-) -> Figure:
-    """Stress (steps,) in Pa over strain (steps,), each step a marker.
-
-    Raises:
-        InputError: the arrays differ in length, are empty, or hold NaN.
-    """
-    strain = _finite("strain", strain, (np.size(strain),))
-    stress = _finite("stress", stress, strain.shape)
-    unit, factor = ("kPa", 1e-3) if np.abs(stress).max(initial=0.0) >= 2e3 else ("Pa", 1.0)
-    with mpl.rc_context(_STYLE):
-        figure = _figure(6.5, 4.5)
-        axes = figure.add_subplot()
-        axes.plot(100 * strain, factor * stress, "o-", color="#20639b", markersize=5)
-        axes.set_xlabel(f"{strain_label} / %")
-        axes.set_ylabel(f"{stress_label} / {unit}")
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.grid(color="0.9", linewidth=0.8)
-    return figure
-
-
 def save_figure(figure: Figure, path: str | Path) -> None:
     """Write the figure, whole or not at all; the suffix chooses the format.
 
     Raises:
         InputError: the folder cannot be written.
     """
-    with atomic_path(path) as temporary, mpl.rc_context(_STYLE):
+    with atomic_path(path) as temporary, mpl.rc_context(STYLE):
         figure.savefig(temporary)
 
 
-def write_vtu(path: str | Path, structure: Structure, displacement: Array, members: MemberState) -> None:
-    """The deformed members as lines, for ParaView: file ``path`` with the suffix .vtu, whole or not at all.
-
-    Cell data: ``kind`` (index into KINDS), ``force`` in N, ``strain`` l/l0 - 1, ``slack`` (0 or 1), ``cell`` and
-    ``block`` (the first of a shared member's; -1 for none). Point data: ``displacement`` in m.
-    Members that end at a periodic image are left out.
-
-    Raises:
-        InputError: another suffix, a displacement that does not fit, or a folder that cannot be written.
-    """
-    if Path(path).suffix != ".vtu":
-        raise InputError(f"path: expected a file name that ends in .vtu, got {path}")
-    displacement = _finite("displacement", displacement, structure.nodes.shape)
-    inside = ~structure.shift.any(axis=1)
-    cell = np.full(len(inside), -1)
-    if len(structure.cells):
-        cell = structure.member_cells[:, 0]
-    block = np.append(structure.cell_block, -1)[cell]  # the last one stands for "no cell"
-    data = {
-        "kind": structure.kind,
-        "force": members.force,
-        "strain": members.length / structure.rest_length - 1.0,
-        "slack": (members.stiffness == 0.0).astype(np.uint8),
-        "cell": cell,
-        "block": block,
-    }
-    mesh = meshio.Mesh(
-        structure.nodes + displacement,
-        [("line", structure.members[inside])],
-        point_data={"displacement": displacement},
-        cell_data={name: [values[inside]] for name, values in data.items()},
-    )
-    with atomic_path(path) as temporary:
-        mesh.write(temporary, file_format="vtu")
-
-
-def _figure(width: float, height: float) -> Figure:
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure, sizes in inches."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)  # no display, whatever backend is set
     return figure
 
 
-def _finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
+def finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """``values`` as an array; InputError where it has another shape or NaN."""
     array = np.asarray(values, dtype=float)
     if array.shape != shape or array.size == 0 or not np.isfinite(array).all():
         raise InputError(f"{name}: expected finite numbers of shape {shape}, got shape {array.shape} or NaN")
@@ -275,7 +165,7 @@ def _segments(structure: Structure, displacement: Array | None) -> Array:
     ends = np.stack([start, start + vector], axis=1)
     if displacement is None:
         return ends
-    return ends + _finite("displacement", displacement, structure.nodes.shape)[structure.members]
+    return ends + finite("displacement", displacement, structure.nodes.shape)[structure.members]
 
 
 def _cased(axes: Axes, segments: Array, colour: Array, width: Array, edge: Array) -> None:
@@ -319,29 +209,3 @@ def _triad(axes: Axes, camera: Array) -> None:
             "", (x, y), (0, 0), arrowprops={"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "color": "0.2"}
         )
         corner.text(1.3 * x, 1.3 * y, f"${name}$", ha="center", va="center", fontsize=11)
-
-
-def _outlines(midpoint: Array, displacement: Array | None, single: float) -> Array:
-    """Quadrilaterals (b, 4, 2) in m of the blocks of one layer, from their midpoints (b, 3) and displacements."""
-    extent = np.ptp(midpoint[:, :2], axis=0)
-    places = [np.unique(np.round(midpoint[:, i] / (extent.max() or 1.0), 6), return_inverse=True) for i in (0, 1)]
-    shape = tuple(len(values) for values, _ in places)
-    flat = places[0][1] * shape[1] + places[1][1]
-    steps = [np.diff(values) for values, _ in places]
-    if len(np.unique(flat)) != np.prod(shape) or any(len(d) and np.ptp(d) > 0.01 * d.mean() for d in steps):
-        raise InputError(f"block midpoints: expected a full regular grid, got {len(midpoint)} blocks that are none")
-    pitch = [extent[i] / (shape[i] - 1) if shape[i] > 1 else 0.0 for i in (0, 1)]
-    half = 0.5 * np.array([p or max(pitch) or single for p in pitch])
-    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-    outline = midpoint[:, None, :2] + (2 * corners - 1) * half
-    if displacement is not None:
-        at_corners = np.empty((*shape, 2))
-        at_corners[places[0][1], places[1][1]] = displacement[:, :2]
-        for axis in (0, 1):  # means between the midpoints, straight on at the sides
-            u = np.moveaxis(at_corners, axis, 0)
-            i = min(1, len(u) - 1)
-            first, last = 1.5 * u[0] - 0.5 * u[i], 1.5 * u[-1] - 0.5 * u[-1 - i]
-            ends = [first[None], 0.5 * (u[1:] + u[:-1]), last[None]]
-            at_corners = np.moveaxis(np.concatenate(ends), 0, axis)
-        outline = outline + at_corners[places[0][1][:, None] + corners[:, 0], places[1][1][:, None] + corners[:, 1]]
-    return outline

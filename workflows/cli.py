@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from workflows.ranks import leave, under_mpirun
+from workflows.ranks import check_alone, leave, under_mpirun
 
 __all__ = ["app", "main"]
 
@@ -70,7 +70,8 @@ def _report(summary: dict[str, Any], names: str, out: Path) -> None:
     for name in names.split():
         value = summary[name]
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
-        _say(f"{name:24} {text} {units.get(name, '')}".rstrip())
+        unit = units.get(name, "1")
+        _say(f"{name:24} {text} {'' if unit == '1' else unit}".rstrip())
     _say(f"{'results':24} {out}")
 
 
@@ -85,6 +86,7 @@ def structure(
     plots: Plots = True,
 ) -> None:
     """Build a lattice of cells, check its self-stress, draw it."""
+    check_alone("structure")
     from workflows.structure import structure as run
 
     summary = run(
@@ -138,6 +140,7 @@ def dns(
     plots: Plots = True,
 ) -> None:
     """Load a sheet with every bar and tendon: the reference solution."""
+    check_alone("dns")
     from workflows.dns import dns as run
 
     summary = run(
@@ -194,6 +197,7 @@ def compare(
     plots: Plots = True,
 ) -> None:
     """Compare data-driven stresses with those of the full tensegrity, block by block."""
+    check_alone("compare")
     from workflows.compare import compare as run
 
     summary = run(out, dd=dd, dns=dns, plots=plots)
@@ -212,6 +216,7 @@ def import_csv(
     stress_measure: Annotated[Measure, typer.Option(help="What the measured stress is.")] = Measure.cauchy,
 ) -> None:
     """Turn measured data into a data set; columns and units are declared, nothing is guessed."""
+    check_alone("import-csv")
     from workflows.import_csv import import_csv as run
 
     run(csv, column=column, zero=zero or [], stress_measure=stress_measure.value, out=out)
@@ -224,6 +229,7 @@ def demo(
     paths: Annotated[int, typer.Option(help="Loading paths to sample.")] = 400,
 ) -> None:
     """The whole chain: sample, full tensegrity, data-driven solve, compare, and one figure."""
+    check_alone("demo")
     from workflows.demo import demo as run
 
     run(out, blocks=blocks, paths=paths, say=_say)
@@ -245,6 +251,8 @@ def _fail(error: Exception) -> None:
     from tsg_micro.errors import ConvergenceError, InputError
 
     one_line = " ".join(str(error).split())
+    if type(error).__name__ == "NoArgsIsHelpError":  # no command at all: its text is the help page
+        leave(str(error), 2)
     usage = getattr(error, "format_message", None)  # a wrong option; typer carries its own copy of click or not
     if usage is not None:
         leave(f"tsgdd: {' '.join(usage().split())} (tsgdd --help lists the commands)", 2)
@@ -254,8 +262,8 @@ def _fail(error: Exception) -> None:
         leave(f"tsgdd: {one_line}", 1)
     if isinstance(error, ModuleNotFoundError) and error.name in ("dolfinx", "petsc4py", "mpi4py", "ufl"):
         leave(f"tsgdd: this command needs DOLFINx, {error.name} is not installed: pip install 'tsgdd[fenicsx]'", 1)
-    if isinstance(error, OSError):
-        leave(f"tsgdd: {one_line}", 1)
+    if isinstance(error, OSError | MemoryError):
+        leave(f"tsgdd: {one_line or 'not enough memory'}", 1)
     if under_mpirun() or "TSGDD_DEBUG" in os.environ:
         traceback.print_exc()
     leave(f"tsgdd: unexpected {type(error).__name__}: {one_line} (this is a defect; TSGDD_DEBUG=1 shows where)", 1)

@@ -9,7 +9,6 @@ import matplotlib as mpl
 import meshio
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
@@ -20,14 +19,15 @@ from dd_macro.compare import BlockStress, match_blocks
 from dd_macro.output import QuadratureFields, read_quadrature
 from tsg_micro.dataset import convert_dataset, read_dataset
 from tsg_micro.mandel import pressure
-from tsg_micro.plot import FORCE, STYLE
+from tsg_micro.plot import FORCE, STYLE, new_figure
 from tsg_micro.unit_cell import BAR
 
 __all__ = ["plot_demo"]
 
 Array = NDArray[np.float64]
 _MICRO = 1e6
-_WINDOW = 0.22  # of the sheet's height, the part whose members are drawn
+_WINDOW = 0.14  # of the sheet's height, the part whose members are drawn
+_MOST_ERROR = 20.0  # percent, the end of the error scale
 
 
 def plot_demo(folder: Path, *, strain: float, errors: dict[str, Any]) -> Figure:
@@ -50,19 +50,18 @@ def plot_demo(folder: Path, *, strain: float, errors: dict[str, Any]) -> Figure:
     limits = (min(map(np.min, panels.values())), max(map(np.max, panels.values())))
     outline = _MICRO * fields.corners[:, :4, :2]
     with mpl.rc_context({**STYLE, "font.size": 12}):
-        figure = Figure(figsize=(16, 8.2), layout="constrained")
-        FigureCanvasAgg(figure)
-        grid = figure.subplots(2, 3, height_ratios=[1.25, 1.0])
+        figure = new_figure(17, 6.6)
+        grid = figure.subplots(2, 3)
         _draw_members(figure, grid[0, 0], folder / "dns" / "structure.vtu")
         _draw_data(figure, grid[0, 1], data.strain, data.stress, fields)
         error = 100.0 * np.abs(pressure(mechanical) - reference) / np.abs(reference)
-        drawn = _draw_field(grid[0, 2], outline, error, (0.0, float(np.percentile(error, 92))), "magma")
-        figure.colorbar(drawn, ax=grid[0, 2], label="error of mechanical $p$ / %", extend="max", shrink=0.6)
-        grid[0, 2].set_title("c  block-wise error against the full tensegrity", loc="left")
+        drawn = _draw_field(grid[0, 2], outline, error, (0.0, _MOST_ERROR), "magma")
+        _bar(figure, drawn, grid[0, 2], "error of $p$, e against d / %", extend="max")
+        grid[0, 2].set_title("c  error of every block", loc="left")
         for letter, axes, (title, values) in zip("def", grid[1], panels.items(), strict=True):
             drawn = _draw_field(axes, outline, values, limits, "viridis")
             axes.set_title(f"{letter}  {title}", loc="left")
-        figure.colorbar(drawn, ax=grid[1], label="pressure $p$ / Pa", shrink=0.75, pad=0.01)
+            _bar(figure, drawn, axes, "pressure $p$ / Pa")
     return figure
 
 
@@ -72,7 +71,7 @@ def _draw_members(figure: Figure, axes: Axes, path: Path) -> None:
     ends = _MICRO * mesh.points[mesh.cells[0].data]
     force, kind = 1e9 * mesh.cell_data["force"][0], mesh.cell_data["kind"][0]
     high = ends.reshape(-1, 3).max(axis=0)
-    low = high - _WINDOW * np.ptp(ends[..., 1])
+    low = high - _WINDOW * np.ptp(ends[..., 1]) * np.array([2.0, 1.0, 1.0])
     near = (ends[..., :2].max(axis=1) > low[:2]).all(axis=1)
     order = np.flatnonzero(near)[np.argsort(ends[near][..., 2].mean(axis=1))]
     bars = kind[order] == BAR
@@ -85,13 +84,13 @@ def _draw_members(figure: Figure, axes: Axes, path: Path) -> None:
         capstyle="round",
     )
     axes.add_collection(lines)
-    axes.set_xlim(low[0], high[0] + 2.0)
-    axes.set_ylim(low[1], high[1] + 2.0)
+    axes.set_xlim(low[0], high[0] + 1.0)
+    axes.set_ylim(low[1], high[1] + 1.0)
     axes.set_aspect("equal")
     axes.set_xlabel("$x$ / µm")
     axes.set_ylabel("$y$ / µm")
-    axes.set_title("a  bars and tendons of the stretched sheet, a corner", loc="left")
-    figure.colorbar(scale, ax=axes, label="member force / nN", extend="both", shrink=0.8)
+    axes.set_title("a  full tensegrity: a corner of the stretched sheet", loc="left")
+    _bar(figure, scale, axes, "member force / nN", extend="both")
 
 
 def _draw_data(figure: Figure, axes: Axes, strain: Array, stress: Array, fields: QuadratureFields) -> None:
@@ -105,14 +104,15 @@ def _draw_data(figure: Figure, axes: Axes, strain: Array, stress: Array, fields:
         ".",
         color="#c8102e",
         markersize=2.5,
-        label="mechanical states of the solve",
+        label="mechanical states",
         rasterized=True,
     )
     axes.set_xlabel(r"$\varepsilon_{yy}$ / %")
     axes.set_ylabel(r"$P_{yy}$ / Pa")
     axes.legend(frameon=False, markerscale=4, loc="upper left")
-    axes.set_title(f"b  {len(strain)} RVE states and what the solve uses", loc="left")
-    figure.colorbar(cloud, ax=axes, label=r"$\varepsilon_{xx}$ of the data / %", shrink=0.8)
+    axes.set_title(f"b  {len(strain)} RVE states, and where the solve goes", loc="left")
+    axes.set_box_aspect(0.5)
+    _bar(figure, cloud, axes, r"$\varepsilon_{xx}$ of the data / %")
 
 
 def _draw_field(axes: Axes, outline: Array, values: Array, limits: tuple[float, float], cmap: str) -> PolyCollection:
@@ -126,3 +126,8 @@ def _draw_field(axes: Axes, outline: Array, values: Array, limits: tuple[float, 
     axes.set_xlabel("$x$ / µm")
     axes.set_ylabel("$y$ / µm")
     return drawn
+
+
+def _bar(figure: Figure, drawn: ScalarMappable, axes: Axes, label: str, extend: str = "neither") -> None:
+    """A colour bar as tall as its panel."""
+    figure.colorbar(drawn, cax=axes.inset_axes((1.02, 0.0, 0.03, 1.0)), label=label, extend=extend)

@@ -138,7 +138,9 @@ def _draw(
     out: Path, sheet: Structure, result: Equilibrium, data: Dataset, curve: tuple[list[float], list[float]]
 ) -> None:
     """The figures and the file for ParaView."""
-    from tsg_micro.plot import plot_blocks, plot_curve, plot_sheet, save_figure, write_vtu
+    from tsg_micro.plot import plot_sheet, save_figure
+    from tsg_micro.plot_data import plot_blocks, plot_curve
+    from tsg_micro.vtu import write_vtu
 
     write_vtu(out / "structure.vtu", sheet, result.displacement, result.members)
     save_figure(plot_sheet(sheet, result.displacement, result.members.force), out / "sheet.png")

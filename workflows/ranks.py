@@ -7,15 +7,37 @@ import sys
 import time
 from typing import Any
 
-__all__ = ["under_mpirun", "world", "leave"]
+__all__ = ["check_alone", "launched_rank", "leave", "under_mpirun", "world"]
 
 _LAUNCHERS = ("PMI_SIZE", "PMIX_RANK", "OMPI_COMM_WORLD_SIZE", "MPI_LOCALNRANKS")
+_RANK = ("PMI_RANK", "PMIX_RANK", "OMPI_COMM_WORLD_RANK")
+_SIZE = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE")
 _PATIENCE = 10.0
 
 
 def under_mpirun() -> bool:
     """Whether an MPI launcher started this process."""
     return any(name in os.environ for name in _LAUNCHERS)
+
+
+def launched_rank() -> int:
+    """The rank that the launcher gave to this process, known before MPI is; 0 without a launcher."""
+    return _number(_RANK, 0)
+
+
+def check_alone(command: str) -> None:
+    """Raise InputError where mpirun started several ranks of a command that does not share its work among them."""
+    size = _number(_SIZE, 1)
+    if size > 1:
+        from tsg_micro.errors import InputError  # here: the command line starts without NumPy and SciPy
+
+        raise InputError(
+            f"{command}: expected one process, got {size} ranks; start it without mpirun (sample and solve run on many)"
+        )
+
+
+def _number(names: tuple[str, ...], default: int) -> int:
+    return next((int(os.environ[name]) for name in names if os.environ.get(name, "").isdigit()), default)
 
 
 def world() -> Any:
@@ -35,7 +57,8 @@ def leave(message: str, code: int) -> None:
     """Print one line for all ranks and exit with ``code``; ranks that do not come along are ended too."""
     mpi = sys.modules.get("mpi4py.MPI")
     if mpi is None or mpi.COMM_WORLD.size == 1:
-        print(message, file=sys.stderr, flush=True)
+        if mpi is not None or launched_rank() == 0:
+            print(message, file=sys.stderr, flush=True)
         sys.exit(code)
     request = mpi.COMM_WORLD.Ibarrier()
     deadline = time.monotonic() + _PATIENCE

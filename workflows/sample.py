@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import asdict
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +56,8 @@ def sample(
     comm = world()
     rank, size = (0, 1) if comm is None else (comm.rank, comm.size)
     box = _checked(out, load, paths, steps, bar_force, seed, blocks, stress_measure, append)
+    if processes is not None and processes < 1:
+        raise InputError(f"processes: expected at least 1, got {processes}")
     processes = min(paths, processes or os.cpu_count() or 1) if comm is None else 1
     begin = time.perf_counter()
     with _progress(-(-paths // size) if rank == 0 else None) as advance:
@@ -130,6 +135,8 @@ def _checked(
     check_measure(stress_measure)
     if out.suffix not in (".h5", ".hdf5"):
         raise InputError(f"out: expected a file name that ends in .h5, got {out}")
+    if out.is_dir():
+        raise InputError(f"out: expected a file, got the folder {out}")
     output_folder(out.parent)
     if append and out.exists() and read_dataset(out).stress_measure != stress_measure:
         raise InputError(f"out {out}: expected a data set of {stress_measure} stress to append to")
@@ -172,6 +179,8 @@ def _in_processes(
             for future in as_completed(futures):
                 done += future.result()
                 advance()
+        except BrokenProcessPool:
+            raise ChildProcessError("sample: a worker process was ended from outside, or for lack of memory") from None
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
@@ -180,8 +189,18 @@ def _in_processes(
 
 def _start_worker(blocks: tuple[int, int, int], box: StrainBox, bar_force: float) -> None:
     """What a process keeps between paths."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent answers Ctrl-C for all
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     threadpool_limits(1)
     _worker["rve"] = build_rve(bar_force=bar_force, blocks=blocks, free=box.free)
+
+
+def _end_with_parent() -> None:
+    """End this process when its parent is gone; the pool itself would wait for work for ever."""
+    parent = parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
 
 
 def _work(box: StrainBox, path: int, steps: int, seed: int) -> list[PathData]:

@@ -75,18 +75,18 @@ def solve(
     comm = MPI.COMM_WORLD
     if metric not in METRICS:
         raise InputError(f"metric: expected one of {', '.join(METRICS)}, got {metric!r}")
-    dataset = read_dataset(data)
-    dataset = convert_dataset(dataset, stress_measure or dataset.stress_measure)
-    _check_reach(dataset, scene)
-    _make_folder(comm, out)
+    dataset = _together(comm, lambda: _material(data, scene, stress_measure))
+    _together(comm, lambda: output_folder(out) if comm.rank == 0 else None)
 
     begin = time.perf_counter()
     domain = scene.build(comm)
     operator = dd.StrainOperator(domain)
-    low, high = (comm.allreduce(f(domain.mesh.geometry.x[:, 1]), op) for f, op in ((np.min, MPI.MIN), (np.max, MPI.MAX)))
+    y = domain.mesh.geometry.x[:, 1]  # none on a rank without cells
+    low = comm.allreduce(float(np.min(y, initial=np.inf)), MPI.MIN)
+    high = comm.allreduce(float(np.max(y, initial=-np.inf)), MPI.MAX)
     conditions = [
         dd.Displacement("bottom"),
-        dd.Displacement("top", value=top_displacement(scene.load, scene.strain, float(high - low))),
+        dd.Displacement("top", value=top_displacement(scene.load, scene.strain, high - low)),
     ]
     C = METRICS[metric](dataset)
     projection = dd.Projection(operator, C, conditions)
@@ -145,8 +145,10 @@ def solve(
     return comm.bcast(summary)
 
 
-def _check_reach(dataset: Dataset, scene: Scene) -> None:
-    """Raise InputError where the data do not reach the nominal strain of the scene."""
+def _material(data: Path, scene: Scene, stress_measure: str | None) -> Dataset:
+    """The data in the measure asked for; InputError where they do not reach the nominal strain of the scene."""
+    dataset = read_dataset(data)
+    dataset = convert_dataset(dataset, stress_measure or dataset.stress_measure)
     wanted = to_mandel(nominal_strain(scene.load, scene.strain))
     k = int(np.abs(wanted).argmax())
     low, high = dataset.strain[:, k].min(), dataset.strain[:, k].max()
@@ -156,17 +158,18 @@ def _check_reach(dataset: Dataset, scene: Scene) -> None:
             f"strain: expected a nominal eps_{COMPONENTS[k]} within the data's range "
             f"[{low / scale:.4g}, {high / scale:.4g}], got {wanted[k] / scale:.4g}"
         )
+    return dataset
 
 
-def _make_folder(comm: MPI.Comm, out: Path) -> None:
-    """Make the output folder on rank 0; a failure is raised on all ranks."""
+def _together[T](comm: MPI.Comm, action: Callable[[], T]) -> T:
+    """What ``action`` returns on each rank; bad input that only some ranks see is raised on all of them."""
     message = None
-    if comm.rank == 0:
-        try:
-            output_folder(out)
-        except InputError as error:
-            message = str(error)
+    try:
+        result = action()
+    except InputError as error:
+        message = str(error)
     check_everywhere(comm, message)
+    return result
 
 
 def _draw(out: Path, result: dd.DataDrivenResult) -> None:

@@ -70,7 +70,8 @@ def structure(
         },
     )
     if plots:
-        from tsg_micro.plot import plot_structure, save_figure, write_vtu
+        from tsg_micro.plot import plot_structure, save_figure
+        from tsg_micro.vtu import write_vtu
 
         system = MemberSystem(built)
         write_vtu(out / "structure.vtu", built, np.zeros_like(built.nodes), system.state(np.zeros(system.size)))

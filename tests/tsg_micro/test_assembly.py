@@ -65,7 +65,8 @@ def test_force_is_the_derivative_in_every_component(rng):
     y = random_point(system, 3, 0.02)
     step = np.append(np.full(system.nodal_size, 1e-6 * CELL.height), np.full(MACRO, 1e-6))
     energy = [
-        difference(lambda x: system.energy(system.state(x)), y, unit, h) for unit, h in zip(np.eye(system.size), step)
+        difference(lambda x: system.energy(system.state(x)), y, direction, h)
+        for direction, h in zip(np.eye(system.size), step, strict=True)
     ]
     force = system.gradient(system.state(y))
     for part in (slice(None, system.nodal_size), slice(system.nodal_size, None)):

