@@ -125,7 +125,8 @@ def sample(
         processes=processes,
         plots=plots,
     )
-    _report(summary, "points paths failed_paths processes seconds", out)
+    total = "points_in_file " if append else ""
+    _report(summary, f"points {total}paths failed_paths processes seconds", out)
 
 
 @app.command()
@@ -166,9 +167,9 @@ def solve(
     load: Annotated[Load, typer.Option(help="How the top side moves.")] = Load.stretch,
     strain: Strain = 0.05,
     metric: Annotated[str, typer.Option(help="auto, tangent or secant.")] = "auto",
-    stress_measure: Annotated[Measure | None, typer.Option(help="Stress to solve in; that of the data if absent.")] = None,
+    stress_measure: Annotated[Measure | None, typer.Option(help="Stress to solve in; else that of the data.")] = None,
     max_iterations: Annotated[int, typer.Option(help="Fixed-point iterations at most.")] = 300,
-    over_relaxation: Annotated[float, typer.Option(help="Query at y + w (z - y), 1 <= w < 2; 1 is the plain method.")] = 1.7,
+    over_relaxation: Annotated[float, typer.Option(help="Factor w of a query at y + w (z - y), 1 <= w < 2.")] = 1.7,
     plots: Plots = True,
 ) -> None:
     """Data-driven solution of a sheet; runs on any number of ranks (mpirun -n N tsgdd solve ...)."""
@@ -212,7 +213,7 @@ def import_csv(
     csv: Annotated[Path, typer.Argument(help="Measured strain and stress, with a header line.")],
     column: Annotated[list[str], typer.Option(help="COMPONENT=HEADER:UNIT, e.g. eps_yy=strain:% ; once a column.")],
     out: OutFile,
-    zero: Annotated[list[str] | None, typer.Option(help="Component that is zero by the experiment, e.g. sigma_zz.")] = None,
+    zero: Annotated[list[str] | None, typer.Option(help="Component known to be zero, e.g. sigma_zz.")] = None,
     stress_measure: Annotated[Measure, typer.Option(help="What the measured stress is.")] = Measure.cauchy,
 ) -> None:
     """Turn measured data into a data set; columns and units are declared, nothing is guessed."""

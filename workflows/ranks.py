@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import time
 from typing import Any
 
-__all__ = ["check_alone", "launched_rank", "leave", "under_mpirun", "world"]
+__all__ = ["check_alone", "leave", "under_mpirun", "world"]
 
 _LAUNCHERS = ("PMI_SIZE", "PMIX_RANK", "OMPI_COMM_WORLD_SIZE", "MPI_LOCALNRANKS")
-_RANK = ("PMI_RANK", "PMIX_RANK", "OMPI_COMM_WORLD_RANK")
 _SIZE = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE")
 _PATIENCE = 10.0
 
@@ -20,14 +20,9 @@ def under_mpirun() -> bool:
     return any(name in os.environ for name in _LAUNCHERS)
 
 
-def launched_rank() -> int:
-    """The rank that the launcher gave to this process, known before MPI is; 0 without a launcher."""
-    return _number(_RANK, 0)
-
-
 def check_alone(command: str) -> None:
     """Raise InputError where mpirun started several ranks of a command that does not share its work among them."""
-    size = _number(_SIZE, 1)
+    size = _launched_size()
     if size > 1:
         from tsg_micro.errors import InputError  # here: the command line starts without NumPy and SciPy
 
@@ -36,16 +31,15 @@ def check_alone(command: str) -> None:
         )
 
 
-def _number(names: tuple[str, ...], default: int) -> int:
-    return next((int(os.environ[name]) for name in names if os.environ.get(name, "").isdigit()), default)
+def _launched_size() -> int:
+    """The number of ranks that the launcher has started, known before MPI is; 1 without a launcher."""
+    return next((int(os.environ[name]) for name in _SIZE if os.environ.get(name, "").isdigit()), 1)
 
 
 def world() -> Any:
     """The communicator of all ranks under mpirun, else None; mpi4py is not needed then."""
     if not under_mpirun():
         return None
-    import contextlib
-
     with contextlib.suppress(ImportError):
         import dolfinx_solver  # noqa: F401  (the wheel that carries MPI wants to be first)
     from mpi4py import MPI
@@ -55,10 +49,12 @@ def world() -> Any:
 
 def leave(message: str, code: int) -> None:
     """Print one line for all ranks and exit with ``code``; ranks that do not come along are ended too."""
+    if _launched_size() > 1:  # the others may be waiting where MPI starts
+        with contextlib.suppress(ImportError):
+            world()
     mpi = sys.modules.get("mpi4py.MPI")
     if mpi is None or mpi.COMM_WORLD.size == 1:
-        if mpi is not None or launched_rank() == 0:
-            print(message, file=sys.stderr, flush=True)
+        print(message, file=sys.stderr, flush=True)
         sys.exit(code)
     request = mpi.COMM_WORLD.Ibarrier()
     deadline = time.monotonic() + _PATIENCE

@@ -80,5 +80,5 @@ def read_summary(folder: Path, command: str) -> dict[str, Any]:
     except json.JSONDecodeError:
         raise InputError(f"{path}: expected JSON, it cannot be read as such") from None
     if not isinstance(summary, dict) or summary.get("command") != command:
-        raise InputError(f"{folder}: expected a folder made by 'tsgdd {command}', its summary.json is of another origin")
+        raise InputError(f"{folder}: expected a folder made by 'tsgdd {command}', its summary.json is not its")
     return summary

@@ -66,9 +66,7 @@ def sample(
         else:
             with threadpool_limits(1):
                 rve = build_rve(bar_force=bar_force, blocks=blocks, free=box.free)
-                done = sample_paths(
-                    rve, box, paths=range(rank, paths, size), steps=steps, seed=seed, progress=advance
-                )
+                done = sample_paths(rve, box, paths=range(rank, paths, size), steps=steps, seed=seed, progress=advance)
     if comm is not None:
         parts = comm.gather(done)
         done = [data for part in parts for data in part] if rank == 0 else []
@@ -89,12 +87,14 @@ def sample(
         append_dataset(out, dataset)
     else:
         write_dataset(out, dataset)
+    stored = read_dataset(out)
     summary = write_summary(
         out,
         command="sample",
         parameters={**parameters, "load": load, "seed": seed, "stress_measure": stress_measure, "append": append},
         figures={
             "points": (len(dataset), ""),
+            "points_in_file": (len(stored), ""),
             "paths": (paths, ""),
             "failed_paths": (len(failures), ""),
             "failures": (failures[:5], ""),
@@ -108,7 +108,7 @@ def sample(
         from tsg_micro.plot import save_figure
         from tsg_micro.plot_data import plot_dataset
 
-        save_figure(plot_dataset(dataset), out.with_suffix(".png"))
+        save_figure(plot_dataset(stored), out.with_suffix(".png"))
     if comm is not None:
         comm.bcast(summary)
     return summary
@@ -152,8 +152,10 @@ def _progress(paths: int | None) -> Iterator[Callable[[], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
 
-    columns = ("sampling", BarColumn(), MofNCompleteColumn(), "paths", TimeElapsedColumn(), "left", TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True)) as progress:
+    count = (BarColumn(), MofNCompleteColumn())
+    with Progress(
+        "sampling", *count, "paths", TimeElapsedColumn(), "left", TimeRemainingColumn(), console=Console(stderr=True)
+    ) as progress:
         task = progress.add_task("", total=paths)
         yield lambda: progress.advance(task)
 

@@ -136,6 +136,7 @@ def solve(
         "mesh": scene.mesh,
         "metric": metric,
         "stress_measure": stress_measure,
+        "bar_force": dataset.parameters.get("bar_force"),
     }
     summary = None
     if comm.rank == 0:
