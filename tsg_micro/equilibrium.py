@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from tsg_micro.assembly import MACRO, MemberState, MemberSystem
 from tsg_micro.errors import ConvergenceError, InputError
 from tsg_micro.linear_solvers import Choice
-from tsg_micro.newton import Border, Iteration, NewtonOptions, NewtonSolver, Tangent
+from tsg_micro.newton import Iteration, NewtonOptions, NewtonSolver
 from tsg_micro.structure import Structure
+from tsg_micro.tangent import Border, Tangent
 
 __all__ = ["Equilibrium", "EquilibriumSolver"]
 
@@ -103,7 +104,8 @@ class EquilibriumSolver:
         What is not given keeps its present value. The load moves along a straight line, in ``steps`` parts at first:
         a part that does not converge is halved, parts that converge fast grow. The first guess of a part goes along
         the tangent, later ones along the last part. With ``stable`` the tangent of the result is
-        factorised, an unstable equilibrium is left downhill, and :meth:`tangent` costs nothing more.
+        factorised and has no negative pivots, and :meth:`tangent` costs nothing more; without it the last
+        equilibrium is not checked, though iterates that are out of balance leave unstable states all the same.
 
         Raises:
             InputError: a shape or a value is not valid.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tsg_micro.assembly import MemberState
 from tsg_micro.errors import InputError
-from tsg_micro.structure import Structure
+from tsg_micro.structure import Structure, member_vectors
 
 __all__ = ["BlockFields", "block_fields", "cell_gradient", "kirchhoff_stress"]
 
@@ -61,19 +61,22 @@ class BlockFields:
     F: Array
     """Deformation gradients (b, 3, 3)."""
     kirchhoff: Array
-    """Kirchhoff stress tensors (b, 3, 3), Pa."""
+    """Kirchhoff stress (b, 3, 3), Pa: members' forces times their current vectors."""
+    first_piola: Array
+    """First Piola stress (b, 3, 3), Pa: members' forces times their reference vectors; in balance row by row."""
 
 
 def block_fields(structure: Structure, displacement: Array, members: MemberState) -> BlockFields:
     """Deformation gradient and Kirchhoff stress of every block; members shared by two cells count half in each."""
     owned = structure.member_cells >= 0
-    d = members.vector
-    virial = (members.force_density / owned.sum(axis=1))[:, None, None] * d[:, :, None] * d[:, None, :]
+    force = (members.force_density / owned.sum(axis=1))[:, None] * members.vector
     count = len(structure.blocks)
-    sums = np.zeros((count, 3, 3))
+    current, reference = np.zeros((2, count, 3, 3))
     for side in (0, 1):
         own = owned[:, side]
-        np.add.at(sums, structure.cell_block[structure.member_cells[own, side]], virial[own])
+        block = structure.cell_block[structure.member_cells[own, side]]
+        np.add.at(current, block, force[own, :, None] * members.vector[own, None, :])
+        np.add.at(reference, block, force[own, :, None] * member_vectors(structure)[own, None, :])
     cells_in_block = np.bincount(structure.cell_block, minlength=count)
     height = structure.size[0] / (np.ptp(structure.cells[:, 0]) + 1)
     mean = np.zeros((count, 3, 3))
@@ -81,8 +84,10 @@ def block_fields(structure: Structure, displacement: Array, members: MemberState
     mean /= cells_in_block[:, None, None]
     midpoint = np.zeros((count, 3))
     np.add.at(midpoint, structure.cell_block, (structure.cells + 0.5) * height)
+    volume = (cells_in_block * height**3)[:, None, None]
     return BlockFields(
         midpoint=midpoint / cells_in_block[:, None],
         F=np.eye(3) + mean,
-        kirchhoff=sums / (cells_in_block * height**3)[:, None, None],
+        kirchhoff=current / volume,
+        first_piola=reference / volume,
     )

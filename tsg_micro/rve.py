@@ -19,10 +19,11 @@ from tsg_micro.equilibrium import Equilibrium, EquilibriumSolver
 from tsg_micro.errors import InputError
 from tsg_micro.lattice import Images, box_cells, lattice, side_nodes
 from tsg_micro.mandel import BASIS, COMPONENTS, from_mandel, to_mandel
-from tsg_micro.newton import Border, NewtonOptions
+from tsg_micro.newton import NewtonOptions
 from tsg_micro.parameters import CellParameters
 from tsg_micro.prestress import prestressed
 from tsg_micro.structure import Structure
+from tsg_micro.tangent import Border
 
 __all__ = ["RVE", "RVEState", "build_rve"]
 
