@@ -29,7 +29,8 @@ class NewtonOptions:
 
     tolerance: float = 1e-10
     """Largest out-of-balance force over the mean member force."""
-    max_iterations: int = 30
+    max_iterations: int = 100
+    """Few are needed but on the way out of an unstable equilibrium, down a narrow valley of the energy."""
     max_elongation: float = 0.02
     """Largest change of a member's length in one iteration, over its length."""
     linear_solver: str = "auto"

@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import brentq
 
 from tsg_micro.equilibrium import EquilibriumSolver
+from tsg_micro.lattice import side_nodes
 from tsg_micro.newton import NewtonOptions
 from tsg_micro.structure import from_arrays
 from tsg_micro.unit_cell import BAR, EDGE_TENDON
@@ -168,3 +169,20 @@ def test_sheet_of_cells_compressed_past_its_buckling(box, clamped):
     assert max(record.negative_pivots for record in result.history) > 0
     assert result.negative_pivots == 0
     assert result.residual <= 1e-10
+
+
+def test_a_slender_column_of_cells_buckles_and_is_followed(box):
+    """Sixteen cells in a row, clamped and shortened by 6 %: past the bifurcation at 4.5 %, on to a stable state."""
+    structure = box(1, 16, 1)
+    top = side_nodes(structure, 1, end="high")
+    fixed = np.zeros(structure.nodes.shape, dtype=bool)
+    fixed[side_nodes(structure, 1, end="low")] = fixed[top] = True
+    u = np.zeros(structure.nodes.shape)
+    u[top, 1] = -0.06 * structure.size[1]
+    result = EquilibriumSolver(structure, fixed=fixed).solve(displacement=u, steps=4, stable=True)
+    assert result.negative_pivots == 0
+    assert max(iteration.negative_pivots for iteration in result.history) > 0
+    sideways = result.displacement[:, [0, 2]]
+    # a clamped column, shortened by D beyond its critical load, bows out by (2 / pi) sqrt(D L)
+    bow = 2.0 / np.pi * np.sqrt(0.015) * structure.size[1]
+    assert np.linalg.norm(sideways, axis=1).max() == pytest.approx(bow, rel=0.2)
