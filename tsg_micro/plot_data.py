@@ -56,7 +56,7 @@ def plot_dataset(dataset: Dataset) -> Figure:
             Line2D([], [], color="0.75", marker="o", linestyle="", markersize=4, label="data"),
             Line2D([], [], color=colours[0], marker="o", markersize=4, label=f"{len(shown)} of the paths"),
         ]
-        left.legend(handles=handles, frameon=False, fontsize=11)
+        left.legend(handles=handles, fontsize=11, framealpha=0.9)
     return figure
 
 
