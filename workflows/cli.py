@@ -240,10 +240,12 @@ def main() -> None:
     """Run the command line; bad input exits with 2, a run that failed with 1, each with one line."""
     logging.captureWarnings(True)
     try:
-        app(standalone_mode=False)
+        code = app(standalone_mode=False)  # a command returns None; typer turns Ctrl-C into 130
     except Exception as error:
         _fail(error)
     except KeyboardInterrupt:
+        code = 130
+    if code == 130:
         leave("tsgdd: interrupted", 130)
 
 

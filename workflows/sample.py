@@ -176,8 +176,8 @@ def _in_processes(
         processes, get_context("spawn"), initializer=_start_worker, initargs=(blocks, box, bar_force)
     )
     with pool:
-        futures = [pool.submit(_work, box, path, steps, seed) for path in range(paths)]
         try:
+            futures = [pool.submit(_work, box, path, steps, seed) for path in range(paths)]
             for future in as_completed(futures):
                 done += future.result()
                 advance()

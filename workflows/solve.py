@@ -92,7 +92,8 @@ def solve(
     projection = dd.Projection(operator, C, conditions)
     search = dd.MaterialSearch(dataset, C)
     ready = time.perf_counter()
-    say(f"{operator.global_dofs} unknowns on {comm.size} ranks, {projection.solver}; metric: {C.reason}")
+    ranks = f"{comm.size} rank{'s' * (comm.size > 1)}"
+    say(f"{operator.global_dofs} unknowns on {ranks}, {projection.solver}; metric: {C.reason}")
     result = dd.solve(projection, search, options=options)
     done = time.perf_counter()
     say(f"{result.iterations} iterations ({result.reason}), normalised distance {result.normalised_distance:.2%}")
