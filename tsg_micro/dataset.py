@@ -129,33 +129,43 @@ def read_dataset(path: str | Path) -> Dataset:
     except OSError:
         raise InputError(f"data set {path}: expected an HDF5 file, but it cannot be read as one") from None
     with file:
-        found = file.attrs.get("format")
-        if found != FORMAT:
-            raise InputError(f"data set {path}: expected the HDF5 attribute format={FORMAT!r}, got {found!r}")
-        if file.attrs.get("schema") != SCHEMA:
-            raise InputError(f"data set {path}: expected schema {SCHEMA}, got {file.attrs.get('schema')}")
-        missing = [name for name in _REQUIRED if name not in file]
-        if missing:
-            raise InputError(f"data set {path}: expected the arrays {', '.join(_REQUIRED)}, {missing[0]} is missing")
-        arrays = {}
-        for name in UNITS:
-            if name not in file:
-                continue
-            unit = file[name].attrs.get("unit")
-            if unit != UNITS[name]:
-                raise InputError(f"data set {path}, {name}: expected the unit {UNITS[name]!r}, got {unit!r}")
-            arrays[name] = file[name][()]
-        seed = file.attrs.get("seed")
         try:
-            return Dataset(
-                **arrays,
-                stress_measure=str(file.attrs.get("stress_measure")),
-                parameters=json.loads(file.attrs.get("parameters", "{}")),
-                versions=json.loads(file.attrs.get("versions", "{}")),
-                seed=None if seed is None else int(seed),
-            )
+            return _parse(file)
         except InputError as error:
-            raise InputError(f"{path}: {error}") from None
+            raise InputError(f"data set {path}: {error}") from None
+        except (KeyError, OSError, TypeError, ValueError) as error:  # ours by its format, but damaged inside
+            raise InputError(f"data set {path}: damaged ({' '.join(str(error).split())})") from None
+
+
+def _parse(file: h5py.File) -> Dataset:
+    """The data set in an open file; any error of h5py, NumPy or JSON means that it is damaged."""
+    found = file.attrs.get("format")
+    if str(found) != FORMAT:
+        raise InputError(f"expected the HDF5 attribute format={FORMAT!r}, got {found!r}")
+    if file.attrs.get("schema") != SCHEMA:
+        raise InputError(f"expected schema {SCHEMA}, got {file.attrs.get('schema')}")
+    missing = [name for name in _REQUIRED if name not in file]
+    if missing:
+        raise InputError(f"expected the arrays {', '.join(_REQUIRED)}, {missing[0]} is missing")
+    arrays = {}
+    for name in UNITS:
+        if name not in file:
+            continue
+        stored = file[name]
+        if not (isinstance(stored, h5py.Dataset) and stored.ndim > 0 and np.issubdtype(stored.dtype, np.number)):
+            raise InputError(f"{name}: expected an array of numbers, got {stored!r}")
+        unit = stored.attrs.get("unit")
+        if unit != UNITS[name]:
+            raise InputError(f"{name}: expected the unit {UNITS[name]!r}, got {unit!r}")
+        arrays[name] = stored[()]
+    seed = file.attrs.get("seed")
+    return Dataset(
+        **arrays,
+        stress_measure=str(file.attrs.get("stress_measure")),
+        parameters=json.loads(file.attrs.get("parameters", "{}")),
+        versions=json.loads(file.attrs.get("versions", "{}")),
+        seed=None if seed is None else int(seed),
+    )
 
 
 def take(dataset: Dataset, index: NDArray[Any]) -> Dataset:

@@ -216,3 +216,24 @@ def test_convert_needs_the_deformation_gradient(data):
         convert_dataset(bare(data), "cauchy")
     with pytest.raises(InputError, match="stress measure: expected one of"):
         convert_dataset(data, "nominal")
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda file: (file.__delitem__("strain"), file.create_group("strain")),
+        lambda file: (file.__delitem__("strain"), file.create_dataset("strain", data=1.0)),
+        lambda file: (file.__delitem__("strain"), file.create_dataset("strain", data=["a", "b"])),
+        lambda file: file.attrs.__setitem__("parameters", "{broken"),
+        lambda file: file.attrs.__setitem__("format", np.arange(3)),
+        lambda file: file.attrs.__setitem__("seed", "none"),
+    ],
+    ids=["group", "scalar", "text", "json", "format", "seed"],
+)
+def test_a_file_that_is_damaged_inside_is_refused(data, tmp_path, damage):
+    path = tmp_path / "data.h5"
+    write_dataset(path, data)
+    with h5py.File(path, "a") as file:
+        damage(file)
+    with pytest.raises(InputError, match=r"data\.h5"):
+        read_dataset(path)

@@ -13,9 +13,9 @@ from tsg_micro.lattice import box_cells, lattice
 from tsg_micro.parameters import CellParameters
 from tsg_micro.plot import plot_sheet, plot_structure, save_figure
 from tsg_micro.plot_data import plot_blocks, plot_curve
-from tsg_micro.vtu import write_vtu
 from tsg_micro.prestress import prestressed
 from tsg_micro.structure import from_arrays
+from tsg_micro.vtu import write_vtu
 
 PARAMETERS = CellParameters()
 
