@@ -13,6 +13,8 @@ from dd_macro.parallel import total
 from tsg_micro.errors import InputError
 from tsg_micro.mandel import to_mandel
 
+pytestmark = pytest.mark.mpi
+
 
 @pytest.mark.parametrize(("degree", "points"), [(1, 8), (2, 27)])
 def test_points_and_volume(comm, degree, points):

@@ -25,6 +25,8 @@ from dd_macro.plot import block_outlines, plot_comparison, plot_convergence, plo
 from tsg_micro.errors import InputError
 from tsg_micro.mandel import pressure, von_mises
 
+pytestmark = pytest.mark.mpi
+
 METRIC = isotropic(young=1e3, poisson=0.3)
 
 

@@ -10,6 +10,8 @@ from dd_macro import Displacement, Projection, StrainOperator, Traction, box, is
 from dd_macro.parallel import total
 from tsg_micro.errors import ConvergenceError
 
+pytestmark = pytest.mark.mpi
+
 METRIC = isotropic(young=1e3, poisson=0.3)
 
 

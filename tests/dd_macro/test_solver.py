@@ -22,6 +22,8 @@ from dd_macro.parallel import total
 from tsg_micro.errors import ConvergenceError, InputError
 from tsg_micro.mandel import to_mandel
 
+pytestmark = pytest.mark.mpi
+
 LAW = isotropic(young=1e3, poisson=0.3)
 H = np.array([[0.02, 0.01, 0.0], [-0.005, 0.03, 0.004], [0.0, 0.002, -0.01]])
 
