@@ -6,11 +6,11 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,44 @@ from workflows.record import versions, write_summary
 __all__ = ["sample"]
 
 _worker: dict[str, Any] = {}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is sampled; checked when made.
+
+    Raises:
+        InputError: on construction, where a value is not valid.
+    """
+
+    load: str
+    paths: int
+    steps: int
+    bar_force: float
+    seed: int
+    blocks: tuple[int, int, int]
+
+    def __post_init__(self) -> None:
+        if self.load not in BOXES:
+            raise InputError(f"load: expected one of {', '.join(BOXES)}, got {self.load!r}")
+        counts = {"paths": (self.paths, 1), "steps": (self.steps, 1), "seed": (self.seed, 0)}
+        for name, (value, least) in {**counts, "blocks": (min(self.blocks), 1)}.items():
+            if value < least:
+                raise InputError(f"{name}: expected at least {least}, got {value}")
+        check_bar_force(self.bar_force, cells=1, EA_bar=CellParameters().EA_bar)
+
+    @property
+    def box(self) -> StrainBox:
+        """The strain box of the load."""
+        return BOXES[self.load]
+
+    def rve(self) -> RVE:
+        """The RVE in its reference state."""
+        return build_rve(bar_force=self.bar_force, blocks=self.blocks, free=self.box.free)
+
+    def run(self, rve: RVE, paths: Iterable[int], progress: Callable[[], None] | None = None) -> list[PathData]:
+        """Follow the paths of these numbers."""
+        return sample_paths(rve, self.box, paths=paths, steps=self.steps, seed=self.seed, progress=progress)
 
 
 def sample(
@@ -55,32 +93,25 @@ def sample(
     """
     comm = world()
     rank, size = (0, 1) if comm is None else (comm.rank, comm.size)
-    box = _checked(out, load, paths, steps, bar_force, seed, blocks, stress_measure, append)
+    plan = Plan(load, paths, steps, bar_force, seed, blocks)
+    _check_output(out, stress_measure, append)
     if processes is not None and processes < 1:
         raise InputError(f"processes: expected at least 1, got {processes}")
     processes = min(paths, processes or os.cpu_count() or 1) if comm is None else 1
     begin = time.perf_counter()
     with _progress(-(-paths // size) if rank == 0 else None) as advance:
         if processes > 1:
-            done = _in_processes(processes, blocks, box, bar_force, paths, steps, seed, advance)
+            done = _in_processes(processes, plan, advance)
         else:
             with threadpool_limits(1):
-                rve = build_rve(bar_force=bar_force, blocks=blocks, free=box.free)
-                done = sample_paths(rve, box, paths=range(rank, paths, size), steps=steps, seed=seed, progress=advance)
+                done = plan.run(plan.rve(), range(rank, paths, size), advance)
     if comm is not None:
         parts = comm.gather(done)
         done = [data for part in parts for data in part] if rank == 0 else []
     seconds = time.perf_counter() - begin
     if rank != 0:
         return comm.bcast(None)  # type: ignore[no-any-return]
-    parameters = {
-        "box": asdict(box),
-        "paths": paths,
-        "steps": steps,
-        "bar_force": bar_force,
-        "blocks": blocks,
-        "cell": asdict(CellParameters()),
-    }
+    parameters = {**asdict(plan), "box": asdict(plan.box), "cell": asdict(CellParameters())}
     dataset = convert_dataset(join_paths(done, seed=seed, parameters=parameters, versions=versions()), stress_measure)
     failures = sorted(data.failure for data in done if data.failure)
     if append and out.exists():
@@ -91,7 +122,7 @@ def sample(
     summary = write_summary(
         out,
         command="sample",
-        parameters={**parameters, "load": load, "seed": seed, "stress_measure": stress_measure, "append": append},
+        parameters={**parameters, "stress_measure": stress_measure, "append": append},
         figures={
             "points": (len(dataset), ""),
             "points_in_file": (len(stored), ""),
@@ -114,24 +145,8 @@ def sample(
     return summary
 
 
-def _checked(
-    out: Path,
-    load: str,
-    paths: int,
-    steps: int,
-    bar_force: float,
-    seed: int,
-    blocks: tuple[int, int, int],
-    stress_measure: str,
-    append: bool,
-) -> StrainBox:
-    """The strain box, after every argument was checked; all ranks check alike."""
-    if load not in BOXES:
-        raise InputError(f"load: expected one of {', '.join(BOXES)}, got {load!r}")
-    for name, value, least in (("paths", paths, 1), ("steps", steps, 1), ("seed", seed, 0), ("blocks", min(blocks), 1)):
-        if value < least:
-            raise InputError(f"{name}: expected at least {least}, got {value}")
-    check_bar_force(bar_force, cells=1, EA_bar=CellParameters().EA_bar)
+def _check_output(out: Path, stress_measure: str, append: bool) -> None:
+    """Raise InputError where the output could not be written at the end; all ranks check alike."""
     check_measure(stress_measure)
     if out.suffix not in (".h5", ".hdf5"):
         raise InputError(f"out: expected a file name that ends in .h5, got {out}")
@@ -140,7 +155,6 @@ def _checked(
     output_folder(out.parent)
     if append and out.exists() and read_dataset(out).stress_measure != stress_measure:
         raise InputError(f"out {out}: expected a data set of {stress_measure} stress to append to")
-    return BOXES[load]
 
 
 @contextmanager
@@ -160,24 +174,13 @@ def _progress(paths: int | None) -> Iterator[Callable[[], None]]:
         yield lambda: progress.advance(task)
 
 
-def _in_processes(
-    processes: int,
-    blocks: tuple[int, int, int],
-    box: StrainBox,
-    bar_force: float,
-    paths: int,
-    steps: int,
-    seed: int,
-    advance: Callable[[], None],
-) -> list[PathData]:
+def _in_processes(processes: int, plan: Plan, advance: Callable[[], None]) -> list[PathData]:
     """All paths, shared among processes of this machine."""
     done: list[PathData] = []
-    pool = ProcessPoolExecutor(
-        processes, get_context("spawn"), initializer=_start_worker, initargs=(blocks, box, bar_force)
-    )
+    pool = ProcessPoolExecutor(processes, get_context("spawn"), initializer=_start_worker, initargs=(plan,))
     with pool:
         try:
-            futures = [pool.submit(_work, box, path, steps, seed) for path in range(paths)]
+            futures = [pool.submit(_work, plan, path) for path in range(plan.paths)]
             for future in as_completed(futures):
                 done += future.result()
                 advance()
@@ -189,12 +192,12 @@ def _in_processes(
     return done
 
 
-def _start_worker(blocks: tuple[int, int, int], box: StrainBox, bar_force: float) -> None:
+def _start_worker(plan: Plan) -> None:
     """What a process keeps between paths."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent answers Ctrl-C for all
     threading.Thread(target=_end_with_parent, daemon=True).start()
     threadpool_limits(1)
-    _worker["rve"] = build_rve(bar_force=bar_force, blocks=blocks, free=box.free)
+    _worker["rve"] = plan.rve()
 
 
 def _end_with_parent() -> None:
@@ -205,7 +208,6 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
-def _work(box: StrainBox, path: int, steps: int, seed: int) -> list[PathData]:
+def _work(plan: Plan, path: int) -> list[PathData]:
     """One path, in a process of the pool."""
-    rve: RVE = _worker["rve"]
-    return sample_paths(rve, box, paths=[path], steps=steps, seed=seed)
+    return plan.run(_worker["rve"], [path])
