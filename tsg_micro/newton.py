@@ -52,6 +52,7 @@ class Iteration:
     shift: float
     """Multiple of the unit matrix added to K, N/m."""
     negative_pivots: int
+    """Of K before any shift."""
     energy: float
 
 
@@ -137,12 +138,13 @@ class NewtonSolver:
         """Equilibrium near ``y`` (3n + 9,) under nodal forces (3n,); prescribed entries of y stay as they are.
 
         Where the tangent is indefinite the iteration leaves along its lowest mode, downhill in energy. With
-        ``stable`` an equilibrium counts only once its own tangent has no negative pivots.
+        ``stable`` that holds for equilibria too: one whose tangent has negative pivots is left, unless the motion is
+        neutral, that is, changes no energy.
 
         Raises:
             ConvergenceError: not within ``max_iterations``, or a step that could not be shortened enough.
         """
-        system, m = self.system, self.system.nodal_size
+        system = self.system
         y = y.copy()
         multipliers = np.zeros(len(self.border.constraint))
         state = system.state(y)
@@ -155,28 +157,24 @@ class NewtonSolver:
             residual = self._measure(nodal, rest, state)
             if not np.isfinite(residual):
                 raise ConvergenceError("equilibrium: the residual is not finite", history)
-            balanced, final = residual <= self.options.tolerance, None
-            if balanced:
-                final = self.tangent(state) if stable else None
-                if final is None or final.negative_pivots == 0:
-                    return Converged(y, state, gradient, multipliers, residual, iteration, final)
-            if iteration == self.options.max_iterations:
-                break
-            tangent, shift = self._tangent_for_step(state, final)
-            modes = self._unstable_modes(tangent)
-            step = self._spread(*tangent.solve(nodal, rest))
-            for mode, stiffness in modes:  # turn the step downhill along them
-                step += 2.0 * (nodal @ mode[self.free] + rest @ self._border_part(mode)) / abs(stiffness) * mode
-            slope = float(gradient @ step - force @ step[:m])
-            if slope >= 0.0 and not balanced:
-                raise ConvergenceError(
-                    f"equilibrium: no descent at a residual of {residual:.2e} mean member forces", history
-                )
-            length = 0.0 if balanced else self._line_search(y, step, force, state, slope)
-            history.append(Iteration(load, residual, length, shift, tangent.negative_pivots, system.energy(state)))
-            y = y + length * step
-            for mode, _ in modes[:1]:
-                y = self._leave_saddle(y, mode, force)
+            if residual <= self.options.tolerance:
+                tangent = self.tangent(state) if stable else None
+                modes = self._unstable_modes(tangent) if tangent else []
+                left = self._leave_saddle(y, modes, force)
+                if left is y:
+                    return Converged(y, state, gradient, multipliers, residual, iteration, tangent)
+                assert tangent is not None
+                history.append(Iteration(load, residual, 0.0, 0.0, tangent.negative_pivots, system.energy(state)))
+                y = left
+            elif iteration < self.options.max_iterations:
+                step, slope, modes, record = self._descent(state, gradient, force, (nodal, rest))
+                if slope >= 0.0:
+                    raise ConvergenceError(
+                        f"equilibrium: no descent at a residual of {residual:.2e} mean member forces", history
+                    )
+                length = self._line_search(y, step, force, state, slope)
+                history.append(Iteration(load, residual, length, *record, system.energy(state)))
+                y = self._leave_saddle(y + length * step, modes, force)
             state = system.state(y)
             gradient = system.gradient(state)
         raise ConvergenceError(
@@ -184,6 +182,26 @@ class NewtonSolver:
             f"expected {self.options.tolerance:.1e}",
             history,
         )
+
+    def _descent(
+        self, state: MemberState, gradient: Array, force: Array, residual: tuple[Array, Array]
+    ) -> tuple[Array, float, list[tuple[Array, float]], tuple[float, int]]:
+        """Newton step, the energy's slope along it, the unstable modes, and (shift, negative pivots) of the tangent.
+
+        A few unstable modes are turned downhill one by one; of many the tangent is shifted until it has none, and so
+        it is where the modes were not found well enough for the step to descend.
+        """
+        nodal, rest = residual
+        for most in (_MOST_MODES, 0):
+            tangent, shift, negative = self._tangent_for_step(state, most)
+            modes = self._unstable_modes(tangent)
+            step = self._spread(*tangent.solve(nodal, rest))
+            for mode, stiffness in modes:
+                step += 2.0 * (nodal @ mode[self.free] + rest @ self._border_part(mode)) / abs(stiffness) * mode
+            slope = float(gradient @ step - force @ step[: self.system.nodal_size])
+            if slope < 0.0 or not negative:
+                break
+        return step, slope, modes, (shift, negative)
 
     def _spread(self, dx: Array, dz: Array) -> Array:
         """Values on the free unknowns as a vector of all unknowns (3n + 9,)."""
@@ -199,8 +217,8 @@ class NewtonSolver:
 
     def _unstable_modes(self, tangent: Tangent) -> list[tuple[Array, float]]:
         """Modes (3n + 9,) of negative stiffness (N/m), lowest first, by Lanczos on the factor that is there."""
-        count, n = tangent.negative_pivots, len(self.free)
-        if not 0 < count <= _MOST_MODES:
+        count, n = min(tangent.negative_pivots, _MOST_MODES), len(self.free)
+        if count == 0:
             return []
         none = np.zeros(self.border.size)
         values, vectors = lowest_ritz(lambda x: tangent.solve(x, none)[0], n, min(n, _LANCZOS_STEPS))
@@ -210,8 +228,14 @@ class NewtonSolver:
                 modes.append((self._spread(x, tangent.solve(x, none)[1] / value), 1.0 / value))
         return sorted(modes, key=lambda mode: mode[1])
 
-    def _leave_saddle(self, y: Array, mode: Array, force: Array) -> Array:
-        """``y`` moved along an unstable mode as far as the energy falls and the elongation limit allows."""
+    def _leave_saddle(self, y: Array, modes: list[tuple[Array, float]], force: Array) -> Array:
+        """``y`` moved along the lowest unstable mode as far as the energy falls and the elongation limit allows.
+
+        ``y`` itself where there is no mode, or the energy does not fall along it (a neutral motion).
+        """
+        if not modes:
+            return y
+        (mode, _), *_ = modes
         system, m = self.system, self.system.nodal_size
         state = system.state(y)
         if np.vdot(mode, system.tangent_product(state, mode[:, None])[:, 0]) >= 0.0:
@@ -225,7 +249,7 @@ class NewtonSolver:
             if gradient @ mode - force @ mode[:m] >= 0.0:
                 break
             best, length = length, 2.0 * length
-        return y + best * mode
+        return y + best * mode if best else y
 
     def _elongation_limit(self, step: Array, state: MemberState) -> float:
         """The multiple of ``step`` at which some member's length changes by ``max_elongation``."""
@@ -236,16 +260,17 @@ class NewtonSolver:
         # along a + turn a^2 = limit, in the form that does not cancel
         return float(np.min(2.0 * limit / np.maximum(along + np.sqrt(along**2 + 4.0 * turn * limit), 1e-300)))
 
-    def _tangent_for_step(self, state: MemberState, final: Tangent | None) -> tuple[Tangent, float]:
-        """The tangent; where it has more unstable modes than can be handled one by one, shifted until it has none."""
-        tangent, shift = final or self.tangent(state), 0.0
+    def _tangent_for_step(self, state: MemberState, most: int) -> tuple[Tangent, float, int]:
+        """The tangent, shifted until it has no negative pivots if it has more than ``most``; the shift; the pivots."""
+        tangent, shift = self.tangent(state), 0.0
+        negative = tangent.negative_pivots
         scale = 0.05 * np.abs(state.force_density).mean()
-        while tangent.negative_pivots > (0 if shift else _MOST_MODES):
+        while tangent.negative_pivots > (0 if shift else most):
             shift = 4.0 * shift or scale
             if shift > 1e8 * scale:
                 raise ConvergenceError(f"equilibrium: the tangent stays indefinite with a shift of {shift:.2e} N/m")
             tangent = self.tangent(state, shift=shift)
-        return tangent, shift
+        return tangent, shift, negative
 
     def _line_search(self, y: Array, step: Array, force: Array, state: MemberState, slope: float) -> float:
         """Step length: limited in elongation, then where the energy's slope has fallen enough."""
