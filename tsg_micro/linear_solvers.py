@@ -93,7 +93,7 @@ class Pardiso:
         self._solver = PyPardisoSolver(mtype=-2)
         iparm = self._solver.iparm
         iparm[0], iparm[1], iparm[9], iparm[20] = 1, 2, 13, 1  # own settings, METIS, pivot 1e-13, Bunch-Kaufman
-        iparm[7] = 1  # at most one step of refinement
+        iparm[7] = 0  # refinement only where pivots were perturbed
         iparm[10], iparm[12] = 0, 0  # no scaling or matching: the pattern's ordering stays valid
         self._matrix = sp.csr_array((np.zeros(len(indices)), indices, indptr), shape=(n, n))
         self._dummy = np.zeros((n, 1), order="F")
