@@ -223,6 +223,23 @@ def import_csv(
     run(csv, column=column, zero=zero or [], stress_measure=stress_measure.value, out=out)
 
 
+bench = typer.Typer(help="Benchmarks: agreement and run time.", no_args_is_help=True)
+app.add_typer(bench, name="bench")
+
+
+@bench.command()
+def tsgfem(
+    cases: Annotated[Path, typer.Option(help="Folder of TsgFEM's results, as in tests/data/tsgfem.")],
+    out: Out,
+) -> None:
+    """Replay results of the public MATLAB code TsgFEM, step by step."""
+    from workflows.bench_tsgfem import bench_tsgfem as run
+
+    check_alone("bench tsgfem")
+    run(out, cases=cases, say=_say)
+    _say(f"{'results':24} {out}")
+
+
 @app.command()
 def demo(
     out: Out,
