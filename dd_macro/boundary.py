@@ -97,7 +97,7 @@ def nodal_forces(operator: StrainOperator, tractions: Sequence[Traction]) -> Arr
     """Consistent nodal forces (3 * nodes,) in N of the tractions.
 
     Raises:
-        InputError: an unknown side, or a value that is not three finite numbers.
+        InputError: an unknown side, one without outer facets, or a value that is not three finite numbers.
     """
     forces = np.zeros(operator.owned_dofs)
     mesh = operator.domain.mesh
@@ -108,6 +108,10 @@ def nodal_forces(operator: StrainOperator, tractions: Sequence[Traction]) -> Arr
             raise InputError(
                 f"traction on {traction.side!r}: expected three finite numbers in Pa, got {traction.value}"
             )
+        mesh.topology.create_connectivity(2, 3)
+        outer = np.isin(facets, dolfinx.mesh.exterior_facet_indices(mesh.topology)).sum()
+        if operator.comm.allreduce(int(outer)) == 0:
+            raise InputError(f"traction on {traction.side!r}: expected outer facets of the mesh, got none")
         # always tag 1, so that one compiled kernel serves every side
         tags = dolfinx.mesh.meshtags(mesh, 2, np.sort(facets), np.ones(len(facets), dtype=np.int32))
         ds = ufl.Measure("ds", mesh, subdomain_data=tags)

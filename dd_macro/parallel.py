@@ -62,13 +62,20 @@ def atomic_path_of_all(comm: MPI.Comm, path: str | Path) -> Iterator[Path]:
     Raises:
         InputError: the folder does not exist or cannot be written.
     """
-    with contextlib.ExitStack() as stack:
-        name, message = None, None
-        if comm.rank == 0:
-            try:
-                name = str(stack.enter_context(atomic_path(path)))
-            except InputError as error:
-                message = str(error)
-        check_everywhere(comm, message)
+    stack = contextlib.ExitStack()
+    name, message = None, None
+    if comm.rank == 0:
+        try:
+            name = str(stack.enter_context(atomic_path(path)))
+        except InputError as error:
+            message = str(error)
+    check_everywhere(comm, message)
+    with contextlib.ExitStack() as on_failure:
+        on_failure.push(stack)
         yield Path(comm.bcast(name))
-    comm.barrier()
+        on_failure.pop_all()
+    try:
+        stack.close()  # rank 0 renames
+    except OSError as error:
+        message = f"output {path}: cannot be written ({error.strerror})"
+    check_everywhere(comm, message)

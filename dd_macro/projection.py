@@ -147,6 +147,7 @@ class Projection:
         ksp.setOptionsPrefix("dd_")
         ksp.setOperators(self.matrix)
         ksp.setErrorIfNotConverged(True)
+        ksp.setTolerances(rtol=1e-10, max_it=1000)  # of an iterative solver, ours or one asked for by options
         pc = ksp.getPC()
         package = next((name for name in ("mumps", "superlu_dist") if PETSc.Sys.hasExternalPackage(name)), None)
         if self.operator.global_dofs <= DIRECT_BELOW and (package or self.operator.comm.size == 1):
@@ -155,7 +156,6 @@ class Projection:
             pc.setFactorSolverType(package or "petsc")
         else:
             ksp.setType("cg")
-            ksp.setTolerances(rtol=1e-10, max_it=1000)
             pc.setType("gamg")
         ksp.setFromOptions()
         try:

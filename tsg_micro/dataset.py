@@ -86,12 +86,20 @@ class Dataset:
             expected = (n, *_SHAPES[name])
             if array.shape != expected:
                 raise InputError(f"data set, {name}: expected shape {expected}, got {array.shape}")
+            if np.iscomplexobj(array):
+                raise InputError(f"data set, {name}: expected real numbers, got complex ones")
             bad = np.flatnonzero(~np.isfinite(array).reshape(n, -1).all(axis=1))
             if bad.size:
                 raise InputError(
                     f"data set, {name}: expected finite numbers, got NaN or infinity at {bad.size} points "
                     f"(first at index {bad[0]})"
                 )
+
+        if self.deformation_gradient is not None and not (np.linalg.det(self.deformation_gradient) > 0.0).all():
+            raise InputError("data set, deformation_gradient: expected det F > 0 at every point")
+        for name in ("parameters", "versions"):
+            if not isinstance(getattr(self, name), dict):
+                raise InputError(f"data set, {name}: expected names and values, got {getattr(self, name)!r}")
 
     def __len__(self) -> int:
         return len(self.strain)

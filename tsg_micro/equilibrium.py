@@ -111,6 +111,8 @@ class EquilibriumSolver:
             InputError: a shape or a value is not valid.
             ConvergenceError: 1/256 of a part did not converge; the solver stays at its last equilibrium.
         """
+        if steps < 1:
+            raise InputError(f"steps: expected at least 1, got {steps}")
         goal, goal_force = self._goal(displacement, H, force)
         change, change_force = np.where(self._fixed, goal - self.y, 0.0), goal_force - self.force
         start_force = self.force

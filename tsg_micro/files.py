@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tsg_micro.errors import InputError
 
-__all__ = ["atomic_path", "output_folder"]
+__all__ = ["atomic_path", "output_file", "output_folder"]
 
 
 @contextlib.contextmanager
@@ -53,4 +53,19 @@ def output_folder(path: str | Path) -> Path:
             pass
     except OSError as error:
         raise InputError(f"output folder {path}: cannot be written ({error.strerror})") from None
+    return path
+
+
+def output_file(path: str | Path) -> Path:
+    """Check that the HDF5 file ``path`` can be written, and make its folder if need be.
+
+    Raises:
+        InputError: the name does not end in .h5, it is a folder, or its folder cannot be written.
+    """
+    path = Path(path)
+    if path.suffix not in (".h5", ".hdf5"):
+        raise InputError(f"out: expected a file name that ends in .h5, got {path}")
+    if path.is_dir():
+        raise InputError(f"out: expected a file, got the folder {path}")
+    output_folder(path.parent)
     return path

@@ -95,6 +95,9 @@ class NewtonSolver:
         values = self.pattern.assemble(self.system.member_blocks(state))
         if shift:
             values[self.pattern.diagonal] += shift
+        if self.border.held is not None:
+            place = self.pattern.diagonal[np.searchsorted(self.free, self.border.held)]
+            values[place] += 1e-8 * np.abs(values[self.pattern.diagonal]).mean()
         factor = self.solver.factorise(values)
         self.factorisations += 1
         k, c = self.border.macro.shape[1], len(self.border.constraint)
@@ -117,20 +120,25 @@ class NewtonSolver:
         negative += int((np.linalg.eigvalsh(schur) < 0.0).sum()) - c
         return Tangent(factor, coupling, solved, schur, negative)
 
-    def _residual(self, gradient: Array, force: Array, multipliers: Array) -> tuple[Array, Array]:
-        """Out-of-balance forces on the free nodal unknowns, and on the border (constraints: none)."""
+    def _residual(self, y: Array, gradient: Array, force: Array, multipliers: Array) -> tuple[Array, Array]:
+        """Out-of-balance forces on the free nodal unknowns and on the border, and what the constraints lack of zero."""
         m = self.system.nodal_size
         balance = gradient + self.border.constraint.T @ multipliers
         nodal = force - balance[:m]
         macro = -self.border.macro.T @ balance[m:]
-        return nodal[self.free], np.concatenate([macro, np.zeros(len(multipliers))])
+        return nodal[self.free], np.concatenate([macro, -self.border.constraint @ y])
 
-    def _measure(self, nodal: Array, macro: Array, state: MemberState) -> float:
-        """Residual relative to the mean member force; the macroscopic part is divided by the box size."""
+    def _measure(self, nodal: Array, rest: Array, state: MemberState) -> float:
+        """Residual relative to the mean member force; the macroscopic part is divided by the box size.
+
+        A constraint that is off by 1e-12 of the box counts like a force that is off by the tolerance.
+        """
         scale = np.abs(state.force).mean()
         length = self.system.structure.size.max()
+        macro, drift = np.split(rest, [self.border.macro.shape[1]])
         largest = max(np.abs(nodal).max(initial=0.0), np.abs(macro).max(initial=0.0) / length)
-        return float(largest / scale) if scale > 0.0 else float(largest > 0.0)
+        relative = largest / scale if scale > 0.0 else float(largest > 0.0)
+        return float(max(relative, self.options.tolerance * np.abs(drift).max(initial=0.0) / (1e-12 * length)))
 
     def solve(
         self, y: Array, force: Array, *, load: float, history: list[Iteration], stable: bool = False
@@ -150,31 +158,32 @@ class NewtonSolver:
         state = system.state(y)
         gradient = system.gradient(state)
         for iteration in range(self.options.max_iterations + 1):
-            nodal, rest = self._residual(gradient, force, multipliers)
+            nodal, rest = self._residual(y, gradient, force, multipliers)
             if len(multipliers):  # those that balance the present forces best
                 multipliers = np.linalg.lstsq(self._lever, np.concatenate([nodal, rest]), rcond=None)[0] + multipliers
-                nodal, rest = self._residual(gradient, force, multipliers)
+                nodal, rest = self._residual(y, gradient, force, multipliers)
+            pull = np.append(force, np.zeros(MACRO)) - self.border.constraint.T @ multipliers
             residual = self._measure(nodal, rest, state)
             if not np.isfinite(residual):
                 raise ConvergenceError("equilibrium: the residual is not finite", history)
             if residual <= self.options.tolerance:
                 tangent = self.tangent(state) if stable else None
                 modes = self._unstable_modes(tangent) if tangent else []
-                left = self._leave_saddle(y, modes, force)
+                left = self._leave_saddle(y, modes, pull)
                 if left is y:
                     return Converged(y, state, gradient, multipliers, residual, iteration, tangent)
                 assert tangent is not None
                 history.append(Iteration(load, residual, 0.0, 0.0, tangent.negative_pivots, system.energy(state)))
                 y = left
             elif iteration < self.options.max_iterations:
-                step, slope, modes, record = self._descent(state, gradient, force, (nodal, rest))
+                step, slope, modes, record = self._descent(state, gradient - pull, (nodal, rest))
                 if slope >= 0.0:
                     raise ConvergenceError(
                         f"equilibrium: no descent at a residual of {residual:.2e} mean member forces", history
                     )
-                length = self._line_search(y, step, force, state, slope)
+                length = self._line_search(y, step, pull, state, slope)
                 history.append(Iteration(load, residual, length, *record, system.energy(state)))
-                y = self._leave_saddle(y + length * step, modes, force)
+                y = self._leave_saddle(y + length * step, modes, pull)
             state = system.state(y)
             gradient = system.gradient(state)
         raise ConvergenceError(
@@ -184,12 +193,13 @@ class NewtonSolver:
         )
 
     def _descent(
-        self, state: MemberState, gradient: Array, force: Array, residual: tuple[Array, Array]
+        self, state: MemberState, gradient: Array, residual: tuple[Array, Array]
     ) -> tuple[Array, float, list[tuple[Array, float]], tuple[float, int]]:
-        """Newton step, the energy's slope along it, the unstable modes, and (shift, negative pivots) of the tangent.
+        """Newton step, slope along it, unstable modes, and (shift, negative pivots) of the tangent.
 
-        A few unstable modes are turned downhill one by one; of many the tangent is shifted until it has none, and so
-        it is where the modes were not found well enough for the step to descend.
+        ``gradient`` is that of the energy less the work of loads and constraints. A few unstable modes are turned
+        downhill one by one; of many the tangent is shifted until it has none, and so it is where the modes were not
+        found well enough for the step to descend.
         """
         nodal, rest = residual
         for most in (_MOST_MODES, 0):
@@ -198,7 +208,7 @@ class NewtonSolver:
             step = self._spread(*tangent.solve(nodal, rest))
             for mode, stiffness in modes:
                 step += 2.0 * (nodal @ mode[self.free] + rest @ self._border_part(mode)) / abs(stiffness) * mode
-            slope = float(gradient @ step - force @ step[: self.system.nodal_size])
+            slope = float(gradient @ step)
             if slope < 0.0 or not negative:
                 break
         return step, slope, modes, (shift, negative)
@@ -228,7 +238,7 @@ class NewtonSolver:
                 modes.append((self._spread(x, tangent.solve(x, none)[1] / value), 1.0 / value))
         return sorted(modes, key=lambda mode: mode[1])
 
-    def _leave_saddle(self, y: Array, modes: list[tuple[Array, float]], force: Array) -> Array:
+    def _leave_saddle(self, y: Array, modes: list[tuple[Array, float]], pull: Array) -> Array:
         """``y`` moved along the lowest unstable mode as far as the energy falls and the elongation limit allows.
 
         ``y`` itself where there is no mode, or the energy does not fall along it (a neutral motion).
@@ -236,17 +246,16 @@ class NewtonSolver:
         if not modes:
             return y
         (mode, _), *_ = modes
-        system, m = self.system, self.system.nodal_size
+        system = self.system
         state = system.state(y)
         if np.vdot(mode, system.tangent_product(state, mode[:, None])[:, 0]) >= 0.0:
             return y
-        if system.gradient(state) @ mode - force @ mode[:m] > 0.0:
+        if (system.gradient(state) - pull) @ mode > 0.0:
             mode = -mode
         farthest = self._elongation_limit(mode / np.abs(mode).max(), state) / np.abs(mode).max()
         best, length = 0.0, farthest / 1024.0
         while length <= farthest:
-            gradient = system.gradient(system.state(y + length * mode))
-            if gradient @ mode - force @ mode[:m] >= 0.0:
+            if (system.gradient(system.state(y + length * mode)) - pull) @ mode >= 0.0:
                 break
             best, length = length, 2.0 * length
         return y + best * mode if best else y
@@ -272,14 +281,13 @@ class NewtonSolver:
             tangent = self.tangent(state, shift=shift)
         return tangent, shift, negative
 
-    def _line_search(self, y: Array, step: Array, force: Array, state: MemberState, slope: float) -> float:
+    def _line_search(self, y: Array, step: Array, pull: Array, state: MemberState, slope: float) -> float:
         """Step length: limited in elongation, then where the energy's slope has fallen enough."""
-        system, m = self.system, self.system.nodal_size
+        system = self.system
         high = min(1.0, self._elongation_limit(step, state))
         low, low_slope, length = 0.0, slope, high
         for _ in range(12):
-            gradient = system.gradient(system.state(y + length * step))
-            here = float(gradient @ step - force @ step[:m])
+            here = float((system.gradient(system.state(y + length * step)) - pull) @ step)
             if abs(here) <= 0.5 * abs(slope) or (here < 0.0 and length == high):
                 return length
             if here < 0.0:

@@ -82,6 +82,8 @@ class RVE:
         """
         if not any(structure.periodic):
             raise InputError("structure: expected at least one periodic axis")
+        if len(set(free)) != len(free):
+            raise InputError(f"free: expected every strain component once, got {', '.join(free)}")
         unknown = [name for name in free if name not in COMPONENTS]
         if unknown:
             raise InputError(f"free: expected strain components among {', '.join(COMPONENTS)}, got {unknown[0]!r}")
@@ -89,7 +91,9 @@ class RVE:
         self.free = tuple(COMPONENTS.index(name) for name in free)
         fixed = np.zeros(structure.nodes.shape, dtype=bool)
         fixed[0] = True  # a rigid translation of a periodic body changes nothing
-        border = Border(BASIS[list(self.free)].reshape(-1, 9).T, _mean_constraints(structure))
+        border = Border(
+            BASIS[list(self.free)].reshape(-1, 9).T, _mean_constraints(structure), held=_free_rotation(structure)
+        )
         self.solver = EquilibriumSolver(structure, fixed=fixed, border=border, slack=slack, options=options)
 
     def reset(self) -> None:
@@ -162,6 +166,16 @@ def _mean_constraints(structure: Structure) -> Array:
             row[n + 3 * alpha + axis] = -structure.size[axis]
             rows.append(row)
     return np.array(rows).reshape(-1, n + 9)
+
+
+def _free_rotation(structure: Structure) -> int | None:
+    """A displacement in the rotation that periodicity along one axis alone leaves to the constraints; else None."""
+    if sum(structure.periodic) != 1:
+        return None
+    axis = structure.periodic.index(True)
+    second, third = (axis + 1) % 3, (axis + 2) % 3
+    farthest = int(np.abs(structure.nodes[:, third] - structure.nodes[0, third]).argmax())
+    return 3 * farthest + second
 
 
 def build_rve(

@@ -23,7 +23,9 @@ class Border:
     macro: Array
     """Directions (9, k) in which H is free."""
     constraint: Array
-    """Rows (c, 3n + 9) of A, over displacements and H; A y is kept as it is."""
+    """Rows (c, 3n + 9) of A, over displacements and H; A y = 0 is kept."""
+    held: int | None = None
+    """A displacement that gets a weak spring in the tangent alone, where without the constraints a rotation is free."""
 
     @property
     def size(self) -> int:

@@ -23,6 +23,9 @@ _SCENE = ("load", "strain", "bar_force")
 def compare(out: Path, *, dd: Path, dns: Path, plots: bool = True) -> dict[str, Any]:
     """Errors of p and q of the run in folder ``dd`` against that in folder ``dns``, both in the measure of ``dd``.
 
+    The first Piola and the Kirchhoff stress of a block are means over its members; Cauchy and second Piola stress are
+    made from them with the block's mean F.
+
     Raises:
         InputError: a folder is not what it should be, or the two are of different loads, strains, bar forces or grids.
     """
@@ -33,9 +36,10 @@ def compare(out: Path, *, dd: Path, dns: Path, plots: bool = True) -> dict[str, 
             raise InputError(f"{name}: expected the same in both runs, got {a} in {dd} and {b} in {dns}")
     fields = read_quadrature(dd / "quadrature.h5")
     measure = solved["stress_measure"]
-    blocks = convert_dataset(read_dataset(dns / "blocks.h5"), measure)
+    means = dns / ("blocks_kirchhoff.h5" if measure in ("kirchhoff", "cauchy") else "blocks.h5")
+    blocks = convert_dataset(read_dataset(means), measure)
     if blocks.midpoint is None:
-        raise InputError(f"{dns / 'blocks.h5'}: expected block midpoints, got none")
+        raise InputError(f"{means}: expected block midpoints, got none")
     tensegrity = BlockStress(blocks.midpoint, blocks.stress, measure)
     mechanical = BlockStress(fields.midpoint, fields.cell_mean(fields.mechanical_stress), measure)
     material = BlockStress(fields.midpoint, fields.cell_mean(fields.material_stress), measure)

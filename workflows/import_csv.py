@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 
 from tsg_micro.dataset import write_dataset
 from tsg_micro.errors import InputError
+from tsg_micro.files import output_file
 from tsg_micro.mandel import pressure, von_mises
 from tsg_micro.measured import Column, read_csv
+from workflows.record import versions, write_summary
 
 __all__ = ["import_csv", "parse_columns"]
 
@@ -35,7 +36,7 @@ def parse_columns(column: list[str]) -> dict[str, Column]:
 
 
 def import_csv(csv: Path, *, column: list[str], zero: list[str], stress_measure: str, out: Path) -> None:
-    """Write the CSV file's points to the data set ``out`` and print what came in.
+    """Write the CSV file's points to the data set ``out`` with its summary, and print what came in.
 
     ``zero`` takes names one by one or parted by commas.
 
@@ -43,10 +44,22 @@ def import_csv(csv: Path, *, column: list[str], zero: list[str], stress_measure:
         InputError: as tsg_micro.measured.read_csv, or ``out`` cannot be written.
     """
     names = [name.strip() for text in zero for name in text.split(",") if name.strip()]
-    versions = {package: metadata.version(package) for package in ("numpy", "h5py")}
-    data = read_csv(csv, columns=parse_columns(column), zero=names, stress_measure=stress_measure, versions=versions)
+    columns = parse_columns(column)
+    output_file(out)
+    data = read_csv(csv, columns=columns, zero=names, stress_measure=stress_measure, versions=versions())
     write_dataset(out, data)
     p, q = pressure(data.stress), von_mises(data.stress)
-    print(f"{len(data)} points on {len(np.unique(data.path))} paths from {csv} to {out}")
+    write_summary(
+        out,
+        command="import-csv",
+        parameters={"csv": csv, "column": column, "zero": names, "stress_measure": stress_measure},
+        figures={
+            "points": (len(data), ""),
+            "paths": (len(np.unique(data.path)), ""),
+            "pressure_range": ([p.min(), p.max()], "Pa"),
+            "largest_effective_stress": (q.max(), "Pa"),
+        },
+    )
+    print(f"{len(data)} points from {csv} to {out}")
     print(f"  {stress_measure} stress: p {p.min():.4g} to {p.max():.4g} Pa, q up to {q.max():.4g} Pa")
     print(f"  largest strain (Mandel norm): {np.linalg.norm(data.strain, axis=1).max():.4g}")

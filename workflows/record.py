@@ -77,8 +77,9 @@ def read_summary(folder: Path, command: str) -> dict[str, Any]:
         summary = json.loads(path.read_text())
     except OSError:
         raise InputError(f"{folder}: expected a folder made by 'tsgdd {command}', it has no summary.json") from None
-    except json.JSONDecodeError:
+    except ValueError:  # not JSON, or not even text
         raise InputError(f"{path}: expected JSON, it cannot be read as such") from None
-    if not isinstance(summary, dict) or summary.get("command") != command:
+    ours = isinstance(summary, dict) and summary.get("command") == command
+    if not ours or not isinstance(summary.get("parameters"), dict):
         raise InputError(f"{folder}: expected a folder made by 'tsgdd {command}', its summary.json is not its")
     return summary

@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from tsg_micro.dataset import append_dataset, convert_dataset, read_dataset, write_dataset
 from tsg_micro.errors import InputError
-from tsg_micro.files import output_folder
+from tsg_micro.files import output_file
 from tsg_micro.parameters import CellParameters, check_bar_force
 from tsg_micro.rve import RVE, build_rve
 from tsg_micro.sampling import BOXES, PathData, StrainBox, join_paths, sample_paths
@@ -51,6 +51,8 @@ class Plan:
         if self.load not in BOXES:
             raise InputError(f"load: expected one of {', '.join(BOXES)}, got {self.load!r}")
         counts = {"paths": (self.paths, 1), "steps": (self.steps, 1), "seed": (self.seed, 0)}
+        if self.seed >= 2**63:
+            raise InputError(f"seed: expected less than 2^63, got {self.seed}")
         for name, (value, least) in {**counts, "blocks": (min(self.blocks), 1)}.items():
             if value < least:
                 raise InputError(f"{name}: expected at least {least}, got {value}")
@@ -94,7 +96,10 @@ def sample(
     comm = world()
     rank, size = (0, 1) if comm is None else (comm.rank, comm.size)
     plan = Plan(load, paths, steps, bar_force, seed, blocks)
-    _check_output(out, stress_measure, append)
+    output_file(out)
+    check_measure(stress_measure)
+    if append and out.exists():
+        _check_append(out, plan, stress_measure)
     if processes is not None and processes < 1:
         raise InputError(f"processes: expected at least 1, got {processes}")
     processes = min(paths, processes or os.cpu_count() or 1) if comm is None else 1
@@ -145,16 +150,15 @@ def sample(
     return summary
 
 
-def _check_output(out: Path, stress_measure: str, append: bool) -> None:
-    """Raise InputError where the output could not be written at the end; all ranks check alike."""
-    check_measure(stress_measure)
-    if out.suffix not in (".h5", ".hdf5"):
-        raise InputError(f"out: expected a file name that ends in .h5, got {out}")
-    if out.is_dir():
-        raise InputError(f"out: expected a file, got the folder {out}")
-    output_folder(out.parent)
-    if append and out.exists() and read_dataset(out).stress_measure != stress_measure:
+def _check_append(out: Path, plan: Plan, stress_measure: str) -> None:
+    """Raise InputError where the file holds another stress measure, or the very points that would be added."""
+    there = read_dataset(out)
+    if there.stress_measure != stress_measure:
         raise InputError(f"out {out}: expected a data set of {stress_measure} stress to append to")
+    same = {"load": plan.load, "bar_force": plan.bar_force, "seed": plan.seed, "blocks": list(plan.blocks)}
+    for source in there.parameters.get("joined", [there.parameters]):
+        if all(source.get(name) == value for name, value in same.items()):
+            raise InputError(f"seed: expected another than that of the data in {out}, got {plan.seed} again")
 
 
 @contextmanager

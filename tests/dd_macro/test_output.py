@@ -64,6 +64,11 @@ def test_quadrature_file_is_ordered_by_input_cell(comm, folder, solved):
 
 def test_files_that_cannot_be_written_or_read(comm, folder, solved):
     scene, result = solved
+    if comm.rank == 0:
+        (folder / "taken.vtkhdf").mkdir()
+    comm.barrier()
+    with pytest.raises(InputError, match=r"taken\.vtkhdf: cannot be written"):  # found only at the last rename
+        write_vtkhdf(folder / "taken.vtkhdf", scene, result)
     with pytest.raises(InputError, match="its folder cannot be written"):
         write_quadrature(folder / "none" / "fields.h5", scene.operator, result, stress_measure="cauchy")
     with pytest.raises(InputError, match=r"expected a name that ends in \.vtkhdf"):

@@ -227,8 +227,10 @@ def test_convert_needs_the_deformation_gradient(data):
         lambda file: file.attrs.__setitem__("parameters", "{broken"),
         lambda file: file.attrs.__setitem__("format", np.arange(3)),
         lambda file: file.attrs.__setitem__("seed", "none"),
+        lambda file: file.attrs.__setitem__("parameters", "[1]"),
+        lambda file: file["deformation_gradient"].__setitem__(0, 0.0),
     ],
-    ids=["group", "scalar", "text", "json", "format", "seed"],
+    ids=["group", "scalar", "text", "json", "format", "seed", "list", "collapsed"],
 )
 def test_a_file_that_is_damaged_inside_is_refused(data, tmp_path, damage):
     path = tmp_path / "data.h5"

@@ -194,15 +194,21 @@ def test_import_writes_a_valid_data_set(tmp_path, capsys):
     np.testing.assert_allclose(data.strain, np.outer([0.0, 0.025], along_y), rtol=1e-14)
     np.testing.assert_allclose(data.stress, np.outer([0.0, 30.0], along_y), rtol=1e-14)
     assert data.versions["numpy"] == np.__version__
-    assert "2 points on 1 paths" in capsys.readouterr().out
-    with pytest.raises(InputError, match="folder cannot be written"):
-        import_csv(
-            tmp_path / "pull.csv",
-            column=["eps_yy=strain:%", "sigma_yy=stress:kPa"],
-            zero=zero,
-            stress_measure="cauchy",
-            out=tmp_path / "none" / "data.h5",
-        )
+    assert "2 points from" in capsys.readouterr().out
+    for bad, text in (
+        ("pull.csv/data.h5", "cannot be written"),
+        ("pull.csv", r"ends in \.h5"),
+        ("folder.h5", "folder"),
+    ):
+        (tmp_path / "folder.h5").mkdir(exist_ok=True)
+        with pytest.raises(InputError, match=text):
+            import_csv(
+                tmp_path / "pull.csv",
+                column=["eps_yy=strain:%", "sigma_yy=stress:kPa"],
+                zero=zero,
+                stress_measure="cauchy",
+                out=tmp_path / bad,
+            )
 
 
 def test_column_texts():

@@ -55,7 +55,7 @@ def test_duplicated_images_err_like_one_over_the_size(merged):
     assert errors[0] > 0.01
 
 
-@pytest.mark.parametrize("periodic", [SHEET, BULK])
+@pytest.mark.parametrize("periodic", [SHEET, BULK, (True, False, False), (False, True, False)])
 @pytest.mark.parametrize("seed", range(3))
 def test_objectivity(periodic, seed):
     """R F: Cauchy stress turns with R, the second Piola stress does not see it."""

@@ -78,6 +78,9 @@ def test_sample_summary_figure_and_append(tsgdd, read_summary, is_png, tmp_path)
     assert 0 < summary["seconds"] < 60
     assert summary["units"]["seconds"] == "s"
     assert is_png(tmp_path / "d.png")
+    again = tsgdd(*few, "--append", "--no-plots")
+    assert again.code == 2
+    assert "seed: expected another" in again.err
     assert tsgdd(*few, "--append", "--seed", 1, "--no-plots").code == 0
     both, summary = read_dataset(out), read_summary(out)
     assert (summary["points"], summary["points_in_file"]) == (6, 12)
