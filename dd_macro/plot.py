@@ -10,6 +10,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -18,7 +19,15 @@ from dd_macro.compare import grid_index
 from tsg_micro.errors import InputError
 from tsg_micro.files import atomic_path
 
-__all__ = ["block_outlines", "plot_comparison", "plot_convergence", "plot_maps", "save_figure"]
+__all__ = [
+    "block_outlines",
+    "colour_bar",
+    "draw_field",
+    "plot_comparison",
+    "plot_convergence",
+    "plot_maps",
+    "save_figure",
+]
 
 Array = NDArray[np.float64]
 
@@ -78,9 +87,9 @@ def plot_maps(outline: Array, fields: Mapping[str, tuple[Array, str]], *, column
         figure = _figure(6.2 * columns, (0.9 + 4.4 * _aspect(outline)) * rows)
         grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
         for axes, (title, (values, unit)) in zip(grid, fields.items(), strict=False):
-            drawn = _draw(axes, outline, values, _limits([values]), _FIELD)
+            drawn = draw_field(axes, outline, values, _limits([values]), _FIELD)
             axes.set_title(title)
-            _bar(figure, drawn, axes, unit)
+            colour_bar(figure, drawn, axes, unit)
         for axes in grid[len(fields) :]:
             axes.set_visible(False)
         _label(grid[: len(fields)], columns)
@@ -111,13 +120,13 @@ def plot_comparison(outline: Array, *, material: Array, mechanical: Array, tense
         figure = _figure(13, 2 * (0.8 + 4.8 * _aspect(outline)))
         grid = figure.subplots(2, 2, sharex=True, sharey=True).ravel()
         for axes, (title, values) in zip(grid, panels.items(), strict=False):
-            drawn = _draw(axes, outline, values, limits, _FIELD)
+            drawn = draw_field(axes, outline, values, limits, _FIELD)
             axes.set_title(title)
-            _bar(figure, drawn, axes, f"${symbol}$ / Pa")
+            colour_bar(figure, drawn, axes, f"${symbol}$ / Pa")
         top = max(float(np.percentile(error, 95)), 1e-12) if error.size else 1.0
-        drawn = _draw(grid[3], outline, error, (0.0, top), _ERROR)
+        drawn = draw_field(grid[3], outline, error, (0.0, top), _ERROR)
         grid[3].set_title(f"relative error of mechanical ${symbol}$")
-        _bar(figure, drawn, grid[3], "error / %", extend="max")
+        colour_bar(figure, drawn, grid[3], "error / %", extend="max")
         _label(grid, 2)
     return figure
 
@@ -151,7 +160,12 @@ def _limits(fields: list[Array]) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _draw(axes: Axes, outline: Array, values: Array, limits: tuple[float, float], cmap: str) -> PolyCollection:
+def draw_field(axes: Axes, outline: Array, values: Array, limits: tuple[float, float], cmap: str) -> PolyCollection:
+    """One value (n,) a polygon (n, corners, 2), in m, as a map in µm on ``axes``.
+
+    Raises:
+        InputError: values of another length, or not finite.
+    """
     values = np.asarray(values, dtype=float)
     if values.shape != (len(outline),) or not np.isfinite(values).all():
         raise InputError(f"field to draw: expected {len(outline)} finite numbers, got shape {values.shape} or NaN")
@@ -164,7 +178,7 @@ def _draw(axes: Axes, outline: Array, values: Array, limits: tuple[float, float]
     return drawn
 
 
-def _bar(figure: Figure, drawn: PolyCollection, axes: Axes, label: str, extend: str = "neither") -> None:
+def colour_bar(figure: Figure, drawn: ScalarMappable, axes: Axes, label: str, extend: str = "neither") -> None:
     """A colour bar exactly as high as its map."""
     figure.colorbar(drawn, cax=axes.inset_axes((1.02, 0.0, 0.03, 1.0)), label=label, extend=extend)
 

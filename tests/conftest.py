@@ -9,6 +9,13 @@ from pathlib import Path
 import hypothesis
 import pytest
 
+# What Open MPI wants to know of a test machine; other libraries do not read it.
+OPEN_MPI = {
+    "OMPI_ALLOW_RUN_AS_ROOT": "1",
+    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+    "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+}
+
 try:
     from mpi4py import MPI
 except (ImportError, RuntimeError):  # not installed, or no MPI library
@@ -66,7 +73,7 @@ def mpirun():
     def start(ranks, *arguments, **options):
         options = {"capture_output": True, "text": True, "timeout": 180, "check": False} | options
         # A copy of os.environ lacks what an MPI library has put into this process's own environment.
-        options["env"] = dict(os.environ) | {"OMP_NUM_THREADS": "1"} | options.get("env", {})
+        options["env"] = dict(os.environ) | {"OMP_NUM_THREADS": "1"} | OPEN_MPI | options.get("env", {})
         return subprocess.run([program, "-n", str(ranks), *map(str, arguments)], **options)
 
     return start

@@ -204,10 +204,12 @@ def join_datasets(first: Dataset, second: Dataset) -> Dataset:
     return dataclasses.replace(first, **joined, parameters={"joined": sources}, seed=seed)
 
 
-def append_dataset(path: str | Path, dataset: Dataset) -> None:
-    """Add ``dataset`` to the file ``path``, or make it; the file changes whole or not at all."""
+def append_dataset(path: str | Path, dataset: Dataset) -> Dataset:
+    """Add ``dataset`` to the file ``path``, or make it, and return all it holds now; it changes whole or not at all."""
     path = Path(path)
-    write_dataset(path, join_datasets(read_dataset(path), dataset) if path.exists() else dataset)
+    stored = join_datasets(read_dataset(path), dataset) if path.exists() else dataset
+    write_dataset(path, stored)
+    return stored
 
 
 def convert_dataset(dataset: Dataset, measure: str) -> Dataset:

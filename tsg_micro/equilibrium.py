@@ -104,8 +104,9 @@ class EquilibriumSolver:
         What is not given keeps its present value. The load moves along a straight line, in ``steps`` parts at first:
         a part that does not converge is halved, parts that converge fast grow. The first guess of a part goes along
         the tangent, later ones along the last part. With ``stable`` the tangent of the result is
-        factorised and has no negative pivots, and :meth:`tangent` costs nothing more; without it the last
-        equilibrium is not checked, though iterates that are out of balance leave unstable states all the same.
+        factorised and has no negative pivots but for motions that change no energy, and :meth:`tangent` costs nothing
+        more; without it the last equilibrium is not checked, though iterates that are out of balance leave unstable
+        states all the same.
 
         Raises:
             InputError: a shape or a value is not valid.

@@ -78,7 +78,7 @@ class RVE:
     ) -> None:
         """``free`` names the strain components without stress, among xx, yy, zz, yz, xz, xy.
 
-        Raises InputError: no axis is periodic, or a name is unknown.
+        Raises InputError: no axis is periodic, or a name is unknown or comes twice.
         """
         if not any(structure.periodic):
             raise InputError("structure: expected at least one periodic axis")

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Border:
-    """Unknowns beside the nodal ones: which entries of H are free, and linear constraints A u (c, 3n)."""
+    """Unknowns beside the nodal ones: which entries of H are free, and linear constraints A y = 0."""
 
     macro: Array
     """Directions (9, k) in which H is free."""

@@ -10,13 +10,14 @@ import meshio
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dd_macro.compare import BlockStress, match_blocks
 from dd_macro.output import QuadratureFields, read_quadrature
+from dd_macro.plot import colour_bar, draw_field
 from tsg_micro.dataset import convert_dataset, read_dataset
 from tsg_micro.mandel import pressure
 from tsg_micro.plot import FORCE, STYLE, new_figure
@@ -48,20 +49,23 @@ def plot_demo(folder: Path, *, strain: float, errors: dict[str, Any]) -> Figure:
         f"data-driven, material (error {errors['error_p_mat']['l2']:.1%})": pressure(material),
     }
     limits = (min(map(np.min, panels.values())), max(map(np.max, panels.values())))
-    outline = _MICRO * fields.corners[:, :4, :2]
+    outline = fields.corners[:, :4, :2]
     with mpl.rc_context({**STYLE, "font.size": 12}):
         figure = new_figure(17, 6.6)
         grid = figure.subplots(2, 3)
         _draw_members(figure, grid[0, 0], folder / "dns" / "structure.vtu")
         _draw_data(figure, grid[0, 1], data.strain, data.stress, fields)
         error = 100.0 * np.abs(pressure(mechanical) - reference) / np.abs(reference)
-        drawn = _draw_field(grid[0, 2], outline, error, (0.0, _MOST_ERROR), "magma")
-        _bar(figure, drawn, grid[0, 2], "error of $p$, e against d / %", extend="max")
+        drawn = draw_field(grid[0, 2], outline, error, (0.0, _MOST_ERROR), "magma")
+        colour_bar(figure, drawn, grid[0, 2], "error of $p$, e against d / %", extend="max")
         grid[0, 2].set_title("c  error of every block", loc="left")
+        for axes in (grid[0, 2], *grid[1]):
+            axes.set_xlabel("$x$ / µm")
+            axes.set_ylabel("$y$ / µm")
         for letter, axes, (title, values) in zip("def", grid[1], panels.items(), strict=True):
-            drawn = _draw_field(axes, outline, values, limits, "viridis")
+            drawn = draw_field(axes, outline, values, limits, "viridis")
             axes.set_title(f"{letter}  {title}", loc="left")
-            _bar(figure, drawn, axes, "pressure $p$ / Pa")
+            colour_bar(figure, drawn, axes, "pressure $p$ / Pa")
     return figure
 
 
@@ -90,7 +94,7 @@ def _draw_members(figure: Figure, axes: Axes, path: Path) -> None:
     axes.set_xlabel("$x$ / µm")
     axes.set_ylabel("$y$ / µm")
     axes.set_title("a  full tensegrity: a corner of the stretched sheet", loc="left")
-    _bar(figure, scale, axes, "member force / nN", extend="both")
+    colour_bar(figure, scale, axes, "member force / nN", extend="both")
 
 
 def _draw_data(figure: Figure, axes: Axes, strain: Array, stress: Array, fields: QuadratureFields) -> None:
@@ -112,22 +116,4 @@ def _draw_data(figure: Figure, axes: Axes, strain: Array, stress: Array, fields:
     axes.legend(frameon=False, markerscale=4, loc="upper left")
     axes.set_title(f"b  {len(strain)} RVE states, and where the solve goes", loc="left")
     axes.set_box_aspect(0.5)
-    _bar(figure, cloud, axes, r"$\varepsilon_{xx}$ of the data / %")
-
-
-def _draw_field(axes: Axes, outline: Array, values: Array, limits: tuple[float, float], cmap: str) -> PolyCollection:
-    """One value a block, as a map."""
-    drawn = PolyCollection(list(outline), array=values, cmap=cmap, edgecolors="face", linewidths=0.2)
-    drawn.set_clim(*limits)
-    axes.add_collection(drawn)
-    axes.set_aspect("equal")
-    axes.autoscale_view()
-    axes.margins(0)
-    axes.set_xlabel("$x$ / µm")
-    axes.set_ylabel("$y$ / µm")
-    return drawn
-
-
-def _bar(figure: Figure, drawn: ScalarMappable, axes: Axes, label: str, extend: str = "neither") -> None:
-    """A colour bar as tall as its panel."""
-    figure.colorbar(drawn, cax=axes.inset_axes((1.02, 0.0, 0.03, 1.0)), label=label, extend=extend)
+    colour_bar(figure, cloud, axes, r"$\varepsilon_{xx}$ of the data / %")

@@ -51,11 +51,11 @@ class Plan:
         if self.load not in BOXES:
             raise InputError(f"load: expected one of {', '.join(BOXES)}, got {self.load!r}")
         counts = {"paths": (self.paths, 1), "steps": (self.steps, 1), "seed": (self.seed, 0)}
-        if self.seed >= 2**63:
-            raise InputError(f"seed: expected less than 2^63, got {self.seed}")
         for name, (value, least) in {**counts, "blocks": (min(self.blocks), 1)}.items():
             if value < least:
                 raise InputError(f"{name}: expected at least {least}, got {value}")
+        if self.seed >= 2**63:
+            raise InputError(f"seed: expected less than 2^63, got {self.seed}")
         check_bar_force(self.bar_force, cells=1, EA_bar=CellParameters().EA_bar)
 
     @property
@@ -119,11 +119,11 @@ def sample(
     parameters = {**asdict(plan), "box": asdict(plan.box), "cell": asdict(CellParameters())}
     dataset = convert_dataset(join_paths(done, seed=seed, parameters=parameters, versions=versions()), stress_measure)
     failures = sorted(data.failure for data in done if data.failure)
-    if append and out.exists():
-        append_dataset(out, dataset)
+    stored = dataset
+    if append:
+        stored = append_dataset(out, dataset)
     else:
-        write_dataset(out, dataset)
-    stored = read_dataset(out)
+        write_dataset(out, stored)
     summary = write_summary(
         out,
         command="sample",

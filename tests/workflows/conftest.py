@@ -68,17 +68,7 @@ def program():
 
 
 @pytest.fixture
-def open_mpi():
-    """What Open MPI wants to know of a test machine; others do not read it."""
-    return {
-        "OMPI_ALLOW_RUN_AS_ROOT": "1",
-        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-        "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
-    }
-
-
-@pytest.fixture
-def launch(mpirun, open_mpi, program):
+def launch(mpirun, program):
     """``launch(*arguments, ranks=n, env={...})``: the same in a process of its own, under mpirun if ranks is given."""
 
     def run(*arguments, ranks=None, env=None):
@@ -92,7 +82,7 @@ def launch(mpirun, open_mpi, program):
                 check=False,
             )
         else:
-            done = mpirun(ranks, program, *arguments, env=open_mpi | (env or {}), timeout=60)
+            done = mpirun(ranks, program, *arguments, env=env or {}, timeout=60)
         return Done(done.returncode, done.stdout, done.stderr)
 
     return run

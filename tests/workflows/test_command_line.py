@@ -253,7 +253,7 @@ def test_bad_input_on_two_ranks(launch, chain, box_mesh, tmp_path):
         check(launch(*arguments, ranks=2), 2, text, alone=False)
 
 
-def test_what_one_rank_alone_gets_wrong_ends_all(mpirun, open_mpi, program, chain, tmp_path):
+def test_what_one_rank_alone_gets_wrong_ends_all(mpirun, program, chain, tmp_path):
     solve = ("solve", "--data", chain.data, "--elements", 1, 2, 1, "--no-plots", "--out", tmp_path / "out")
 
     def second_rank(*wrong):
@@ -261,7 +261,7 @@ def test_what_one_rank_alone_gets_wrong_ends_all(mpirun, open_mpi, program, chai
         by_rank = (
             f'[ "$PMI_RANK$OMPI_COMM_WORLD_RANK" = 0 ] && exec {command}; exec {command} {shlex.join(map(str, wrong))}'
         )
-        done = mpirun(2, "sh", "-c", by_rank, env=open_mpi, timeout=60)
+        done = mpirun(2, "sh", "-c", by_rank, timeout=60)
         assert "Traceback" not in done.stdout + done.stderr
         return done.returncode, done.stderr
 
