@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import logging
 import os
-import sys
 import traceback
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
+from workflows import cli_study
+from workflows.options import BarForce, Box, Load, Measure, Out, OutFile, Plots, Strain, report, say
 from workflows.ranks import check_alone, leave, under_mpirun
 
 __all__ = ["app", "main"]
@@ -23,56 +23,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-
-
-class Load(StrEnum):
-    """Macroscopic loads."""
-
-    stretch = "stretch"
-    shear = "shear"
-
-
-class Box(StrEnum):
-    """Strain boxes to sample."""
-
-    stretch = "stretch"
-    shear = "shear"
-    inplane = "inplane"
-    full = "full"
-
-
-class Measure(StrEnum):
-    """Stress measures."""
-
-    first_piola = "first_piola"
-    second_piola = "second_piola"
-    kirchhoff = "kirchhoff"
-    cauchy = "cauchy"
-
-
-Out = Annotated[Path, typer.Option("--out", help="Output folder.")]
-OutFile = Annotated[Path, typer.Option("--out", help="Output file, .h5.")]
-BarForce = Annotated[float, typer.Option(help="Compression of the bars at rest, f_b, in N.")]
-Strain = Annotated[float, typer.Option(help="Displacement of the top side over the height of the sheet.")]
-Plots = Annotated[bool, typer.Option("--plots/--no-plots", help="Draw the figures and write the ParaView file.")]
-
-
-def _say(text: str) -> None:
-    """Print on rank 0 only."""
-    mpi = sys.modules.get("mpi4py.MPI")
-    if mpi is None or mpi.COMM_WORLD.rank == 0:
-        print(text, flush=True)
-
-
-def _report(summary: dict[str, Any], names: str, out: Path) -> None:
-    """The figures that a person wants to see, and where the rest is."""
-    units = summary["units"]
-    for name in names.split():
-        value = summary[name]
-        text = f"{value:.4g}" if isinstance(value, float) else str(value)
-        unit = units.get(name, "1")
-        _say(f"{name:24} {text} {'' if unit == '1' else unit}".rstrip())
-    _say(f"{'results':24} {out}")
 
 
 @app.command()
@@ -92,7 +42,7 @@ def structure(
     summary = run(
         out, cells=cells, shape=shape, radius=radius, bar_force=bar_force, half_diagonal=half_diagonal, plots=plots
     )
-    _report(summary, "nodes bars tendons cells self_stress_states mechanisms equilibrium_residual", out)
+    report(summary, "nodes bars tendons cells self_stress_states mechanisms equilibrium_residual", out)
 
 
 @app.command()
@@ -126,7 +76,7 @@ def sample(
         plots=plots,
     )
     total = "points_in_file " if append else ""
-    _report(summary, f"points {total}paths failed_paths processes seconds", out)
+    report(summary, f"points {total}paths failed_paths processes seconds", out)
 
 
 @app.command()
@@ -153,9 +103,9 @@ def dns(
         steps=steps,
         linear_solver=linear_solver,
         plots=plots,
-        say=_say,
+        say=say,
     )
-    _report(summary, "dofs nominal_stress newton_iterations factorisations negative_pivots seconds", out)
+    report(summary, "dofs nominal_stress newton_iterations factorisations negative_pivots seconds", out)
 
 
 @app.command()
@@ -185,9 +135,9 @@ def solve(
         stress_measure=None if stress_measure is None else stress_measure.value,
         options=dd_macro.SolverOptions(max_iterations=max_iterations, over_relaxation=over_relaxation),
         plots=plots,
-        say=_say,
+        say=say,
     )
-    _report(summary, "iterations converged normalised_distance quadrature_points data_points ranks seconds", out)
+    report(summary, "iterations converged normalised_distance quadrature_points data_points ranks seconds", out)
 
 
 @app.command()
@@ -204,8 +154,8 @@ def compare(
     summary = run(out, dd=dd, dns=dns, plots=plots)
     for name in ("error_p_mech", "error_p_mat", "error_q_mech", "error_q_mat"):
         values = "  ".join(f"{kind} {value:.2%}" for kind, value in summary[name].items())
-        _say(f"{name:24} {values}")
-    _say(f"{'results':24} {out}")
+        say(f"{name:24} {values}")
+    say(f"{'results':24} {out}")
 
 
 @app.command(name="import-csv")
@@ -223,21 +173,8 @@ def import_csv(
     run(csv, column=column, zero=zero or [], stress_measure=stress_measure.value, out=out)
 
 
-bench = typer.Typer(help="Benchmarks: agreement and run time.", no_args_is_help=True)
-app.add_typer(bench, name="bench")
-
-
-@bench.command()
-def tsgfem(
-    cases: Annotated[Path, typer.Option(help="Folder of TsgFEM's results, as in tests/data/tsgfem.")],
-    out: Out,
-) -> None:
-    """Replay results of the public MATLAB code TsgFEM, step by step."""
-    from workflows.bench_tsgfem import bench_tsgfem as run
-
-    check_alone("bench tsgfem")
-    run(out, cases=cases, say=_say)
-    _say(f"{'results':24} {out}")
+app.add_typer(cli_study.study, name="study")
+app.add_typer(cli_study.bench, name="bench")
 
 
 @app.command()
@@ -250,7 +187,7 @@ def demo(
     check_alone("demo")
     from workflows.demo import demo as run
 
-    run(out, blocks=blocks, paths=paths, say=_say)
+    run(out, blocks=blocks, paths=paths, say=say)
 
 
 def main() -> None:
