@@ -5,15 +5,19 @@ The job as a chain: mesh -> strain operator -> metric -> search and projection -
 
 from dd_macro import compat  # noqa: F401  (first: it decides how DOLFINx is imported)
 from dd_macro.boundary import Displacement, Traction
-from dd_macro.compare import BlockStress, Comparison, FieldError, compare_blocks
+from dd_macro.compare import BlockStress, Comparison, FieldError, compare_blocks, interior_blocks
 from dd_macro.compat import KernelError
+from dd_macro.fitting import fit_linear, fit_polynomial, mirrors_of
+from dd_macro.laws import FitReport, Law, LinearLaw, PolynomialEnergy
 from dd_macro.mesh import SIDES, TaggedMesh, box, read_msh
 from dd_macro.metric import Metric, isotropic, mean_tangent, metric_from_dataset, secant_modulus
 from dd_macro.output import QuadratureFields, read_quadrature, write_quadrature
 from dd_macro.projection import MechanicalState, Projection
+from dd_macro.reference import NewtonIteration, ReferenceOptions, ReferenceResult, solve_law
 from dd_macro.search import MaterialSearch
 from dd_macro.solver import DataDrivenResult, Iteration, SolverOptions, solve
-from dd_macro.spaces import StrainOperator
+from dd_macro.spaces import StrainOperator, TangentMatrix
+from dd_macro.visited import visited_tangent
 from dd_macro.vtkhdf import write_vtkhdf
 
 __all__ = [
@@ -23,26 +27,40 @@ __all__ = [
     "DataDrivenResult",
     "Displacement",
     "FieldError",
+    "FitReport",
     "Iteration",
     "KernelError",
+    "Law",
+    "LinearLaw",
     "MaterialSearch",
     "MechanicalState",
     "Metric",
+    "NewtonIteration",
+    "PolynomialEnergy",
     "Projection",
     "QuadratureFields",
+    "ReferenceOptions",
+    "ReferenceResult",
     "SolverOptions",
     "StrainOperator",
     "TaggedMesh",
+    "TangentMatrix",
     "Traction",
     "box",
     "compare_blocks",
+    "fit_linear",
+    "fit_polynomial",
+    "interior_blocks",
     "isotropic",
     "mean_tangent",
     "metric_from_dataset",
+    "mirrors_of",
     "read_msh",
     "read_quadrature",
     "secant_modulus",
     "solve",
+    "solve_law",
+    "visited_tangent",
     "write_quadrature",
     "write_vtkhdf",
 ]

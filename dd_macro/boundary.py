@@ -17,7 +17,7 @@ from dd_macro.parallel import check_everywhere, total
 from dd_macro.spaces import StrainOperator
 from tsg_micro.errors import InputError
 
-__all__ = ["Displacement", "Traction", "nodal_forces", "prescribed_displacement", "side_dofs"]
+__all__ = ["Displacement", "Traction", "nodal_forces", "prescribed_displacement", "side_dofs", "support_force"]
 
 Array = NDArray[np.float64]
 
@@ -120,6 +120,15 @@ def nodal_forces(operator: StrainOperator, tractions: Sequence[Traction]) -> Arr
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         forces += b.array
     return forces
+
+
+def support_force(operator: StrainOperator, side: str, out_of_balance: Array) -> Array:
+    """Force (3,) in N that the supports of ``side`` exert: the sum of internal minus external nodal forces there.
+
+    Raises:
+        InputError: no such side.
+    """
+    return total(operator.comm, out_of_balance.reshape(-1, 3)[side_dofs(operator, side)].sum(axis=0))
 
 
 def rigid_modes(x: Array) -> Array:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tsg_micro.errors import InputError
 from tsg_micro.mandel import pressure, von_mises
 
-__all__ = ["BlockStress", "Comparison", "FieldError", "compare_blocks", "grid_index", "match_blocks"]
+__all__ = ["BlockStress", "Comparison", "FieldError", "compare_blocks", "grid_index", "interior_blocks", "match_blocks"]
 
 Array = NDArray[np.float64]
 
@@ -123,17 +123,27 @@ def match_blocks(a: BlockStress, b: BlockStress) -> NDArray[np.int64]:
     return found
 
 
+def interior_blocks(midpoint: Array) -> NDArray[np.bool_]:
+    """Which blocks (n,) are not in the outer ring in x and y, from the midpoints (n, 3) of a regular grid.
+
+    Raises:
+        InputError: no regular grid, or no interior block (less than 3 x 3).
+    """
+    index = grid_index(midpoint)
+    last = index.max(axis=0)
+    interior = ((index[:, :2] > 0) & (index[:, :2] < last[:2])).all(axis=1)
+    if not interior.any():
+        raise InputError(f"blocks: expected at least 3 x 3, to leave the outer ones out, got {_times(last[:2] + 1)}")
+    return interior
+
+
 def compare_blocks(mechanical: BlockStress, material: BlockStress, reference: BlockStress) -> Comparison:
     """Errors of the data-driven p and q, block by block; the outer ring of blocks in x and y is the boundary.
 
     Raises:
         InputError: grids or stress measures differ, or there is no interior block (less than 3 x 3).
     """
-    index = grid_index(reference.midpoint)
-    last = index.max(axis=0)
-    interior = ((index[:, :2] > 0) & (index[:, :2] < last[:2])).all(axis=1)
-    if not interior.any():
-        raise InputError(f"blocks: expected at least 3 x 3, to leave the outer ones out, got {_times(last[:2] + 1)}")
+    interior = interior_blocks(reference.midpoint)
     errors = {}
     for name, solution in (("mech", mechanical), ("mat", material)):
         found = match_blocks(solution, reference)
@@ -142,7 +152,7 @@ def compare_blocks(mechanical: BlockStress, material: BlockStress, reference: Bl
         for symbol, invariant in (("p", pressure), ("q", von_mises)):
             a, b = invariant(stress), invariant(reference.stress)
             errors[f"error_{symbol}_{name}"] = FieldError(*_errors(a[interior], b[interior]), *_errors(a, b))
-    return Comparison(**errors, blocks=len(index), interior_blocks=int(interior.sum()))
+    return Comparison(**errors, blocks=len(interior), interior_blocks=int(interior.sum()))
 
 
 def _errors(a: Array, b: Array) -> tuple[float, float]:

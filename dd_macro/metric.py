@@ -16,7 +16,14 @@ from numpy.typing import ArrayLike, NDArray
 from tsg_micro.dataset import Dataset
 from tsg_micro.errors import InputError
 
-__all__ = ["Metric", "isotropic", "mean_tangent", "metric_from_dataset", "secant_modulus"]
+__all__ = [
+    "Metric",
+    "isotropic",
+    "least_squares_modulus",
+    "mean_tangent",
+    "metric_from_dataset",
+    "secant_modulus",
+]
 
 Array = NDArray[np.float64]
 
@@ -72,15 +79,17 @@ def isotropic(*, young: float, poisson: float) -> Metric:
     return Metric(C, f"isotropic, Young's modulus {young:.4g} Pa, Poisson's ratio {poisson:.3g}")
 
 
-def mean_tangent(dataset: Dataset) -> Metric:
+def mean_tangent(dataset: Dataset, weight: Array | None = None) -> Metric:
     """Metric from the mean of the data's tangents, its symmetric part with small eigenvalues raised.
+
+    ``weight`` (N,) of the data, not all zero; equal ones if None.
 
     Raises:
         InputError: the data have no tangents.
     """
     if dataset.tangent is None:
         raise InputError("data set: expected tangents for this metric, got none")
-    mean = dataset.tangent.mean(axis=0)
+    mean = np.average(dataset.tangent, axis=0, weights=weight)
     C, raised = _positive(0.5 * (mean + mean.T))
     return Metric(C, f"mean tangent of {len(dataset)} data" + _note(raised))
 
@@ -96,16 +105,33 @@ def secant_modulus(dataset: Dataset) -> Metric:
     E, S = dataset.strain, dataset.stress
     if not E.any() or not S.any():
         raise InputError("data set: expected strains and stresses other than zero, to fit a secant modulus")
-    variance, directions = np.linalg.eigh(E.T @ E)
+    C, note = least_squares_modulus(E.T @ E, E.T @ S)
+    return Metric(C, f"least-squares secant of {len(dataset)} data" + note)
+
+
+def least_squares_modulus(gram: Array, moment: Array, *, floor: float = _FLOOR) -> tuple[Array, str]:
+    """Symmetric positive definite C (6, 6) in Pa that minimises |E C - S|, and a note on what the data did not give.
+
+    Strain directions that E does not span get the mean modulus of those it spans.
+
+    Args:
+        gram: E^T E (6, 6), of strains E (N, 6).
+        moment: E^T S (6, 6) in Pa, of stresses S (N, 6).
+        floor: eigenvalues smaller than this times the largest are raised to it.
+
+    Raises:
+        InputError: C has no positive eigenvalue.
+    """
+    variance, directions = np.linalg.eigh(gram)
     spanned = variance > 1e-10 * variance[-1]
     U = directions[:, spanned]
-    A, B = U.T @ (E.T @ E) @ U, U.T @ (E.T @ S) @ U
+    A, B = U.T @ gram @ U, U.T @ moment @ U
     inner = scipy.linalg.solve_continuous_lyapunov(A, B + B.T)  # min |E C - S| over symmetric C
-    inner, raised = _positive(0.5 * (inner + inner.T))
+    inner, raised = _positive(0.5 * (inner + inner.T), floor)
     V = directions[:, ~spanned]
     C = U @ inner @ U.T + np.trace(inner) / len(inner) * (V @ V.T)
     unspanned = f", {V.shape[1]} strain directions not in the data filled with the mean" if V.size else ""
-    return Metric(C, f"least-squares secant of {len(dataset)} data" + _note(raised) + unspanned)
+    return C, _note(raised, floor) + unspanned
 
 
 def metric_from_dataset(dataset: Dataset) -> Metric:
@@ -117,16 +143,16 @@ def metric_from_dataset(dataset: Dataset) -> Metric:
     return secant_modulus(dataset) if dataset.tangent is None else mean_tangent(dataset)
 
 
-def _positive(C: Array) -> tuple[Array, int]:
+def _positive(C: Array, floor: float = _FLOOR) -> tuple[Array, int]:
     """C with eigenvalues below the floor raised to it, and their number."""
     values, vectors = np.linalg.eigh(C)
     if values[-1] <= 0:
         raise InputError(
             "data set: expected a modulus with a positive eigenvalue, got none; are the signs of stress right?"
         )
-    low = values < _FLOOR * values[-1]
-    return (vectors * np.where(low, _FLOOR * values[-1], values)) @ vectors.T, int(low.sum())
+    low = values < floor * values[-1]
+    return (vectors * np.where(low, floor * values[-1], values)) @ vectors.T, int(low.sum())
 
 
-def _note(raised: int) -> str:
-    return f", {raised} eigenvalues raised to {_FLOOR:g} of the largest" if raised else ""
+def _note(raised: int, floor: float = _FLOOR) -> str:
+    return f", {raised} eigenvalues raised to {floor:g} of the largest" if raised else ""

@@ -96,20 +96,23 @@ def plot_maps(outline: Array, fields: Mapping[str, tuple[Array, str]], *, column
     return figure
 
 
-def plot_comparison(outline: Array, *, material: Array, mechanical: Array, tensegrity: Array, symbol: str) -> Figure:
-    """Four panels: data-driven material and mechanical solution, tensegrity, all on one colour scale, and the relative
-    error of the mechanical solution in percent.
+def plot_comparison(
+    outline: Array, *, material: Array, mechanical: Array, tensegrity: Array, inner: NDArray[np.bool_], symbol: str
+) -> Figure:
+    """Maps of the data-driven material and mechanical solution and of the tensegrity on one colour scale, of the
+    relative error of the mechanical solution, and histograms of the errors of both.
 
     Args:
         outline: polygons (n, corners, 2) in m.
         material, mechanical, tensegrity: the field (n,) in Pa.
+        inner: which blocks (n,) count; the histograms leave the others out.
         symbol: of the field, as in the paper: p or q.
 
     Raises:
         InputError: a field of another length, or not finite.
     """
-    size = np.abs(tensegrity)
-    error = 100 * np.abs(mechanical - tensegrity) / np.maximum(size, 1e-12 * max(size.max(initial=0.0), 1e-300))
+    size = np.maximum(np.abs(tensegrity), 1e-12 * max(np.abs(tensegrity).max(initial=0.0), 1e-300))
+    error = 100 * (mechanical - tensegrity) / size
     panels = {
         f"data-driven, material ${symbol}$": material,
         f"data-driven, mechanical ${symbol}$": mechanical,
@@ -117,18 +120,39 @@ def plot_comparison(outline: Array, *, material: Array, mechanical: Array, tense
     }
     limits = _limits(list(panels.values()))
     with mpl.rc_context(_STYLE):
-        figure = _figure(13, 2 * (0.8 + 4.8 * _aspect(outline)))
-        grid = figure.subplots(2, 2, sharex=True, sharey=True).ravel()
-        for axes, (title, values) in zip(grid, panels.items(), strict=False):
-            drawn = draw_field(axes, outline, values, limits, _FIELD)
-            axes.set_title(title)
-            colour_bar(figure, drawn, axes, f"${symbol}$ / Pa")
-        top = max(float(np.percentile(error, 95)), 1e-12) if error.size else 1.0
-        drawn = draw_field(grid[3], outline, error, (0.0, top), _ERROR)
-        grid[3].set_title(f"relative error of mechanical ${symbol}$")
-        colour_bar(figure, drawn, grid[3], "error / %", extend="max")
-        _label(grid, 2)
+        maps = 2 * (0.8 + 4.8 * _aspect(outline))
+        figure = _figure(13, maps + 3.6)
+        grid = figure.add_gridspec(3, 2, height_ratios=(maps / 2, maps / 2, 3.6))
+        axes = [figure.add_subplot(grid[i // 2, i % 2]) for i in range(4)]
+        for place, (title, values) in zip(axes, panels.items(), strict=False):
+            drawn = draw_field(place, outline, values, limits, _FIELD)
+            place.set_title(title)
+            colour_bar(figure, drawn, place, f"${symbol}$ / Pa")
+        top = max(float(np.percentile(np.abs(error), 95)), 1e-12) if error.size else 1.0
+        drawn = draw_field(axes[3], outline, np.abs(error), (0.0, top), _ERROR)
+        axes[3].set_title(f"relative error of mechanical ${symbol}$")
+        colour_bar(figure, drawn, axes[3], "error / %", extend="max")
+        _label(axes, 2)
+        _histogram(
+            figure.add_subplot(grid[2, :]),
+            {"mechanical": error[inner], "material": (100 * (material - tensegrity) / size)[inner]},
+            symbol,
+        )
     return figure
+
+
+def _histogram(axes: Axes, errors: Mapping[str, Array], symbol: str) -> None:
+    """Histograms of relative errors in percent; errors beyond the 99th percentile are in the outermost bins."""
+    limit = max(float(np.percentile(np.abs(np.concatenate(list(errors.values()))), 99)), 1e-12)
+    bins = np.linspace(-limit, limit, 41)
+    for (name, values), colour in zip(errors.items(), ("#20639b", "#c8553d"), strict=False):
+        label = f"{name}: mean {values.mean():+.1f} %, standard deviation {values.std():.1f} %"
+        axes.hist(np.clip(values, -limit, limit), bins, alpha=0.55, color=colour, label=label)
+    axes.axvline(0.0, color="0.3", linewidth=0.8)
+    axes.set_xlabel(f"relative error of ${symbol}$ / %, outer blocks left out")
+    axes.set_ylabel("blocks")
+    axes.set_ylim(top=1.3 * axes.get_ylim()[1])  # room for the legend
+    axes.legend(loc="upper center", ncols=2, frameon=False)
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:

@@ -13,20 +13,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from petsc4py import PETSc
 
-from dd_macro.boundary import Displacement, Traction, nodal_forces, prescribed_displacement, side_dofs
+from dd_macro.boundary import Displacement, Traction, nodal_forces, prescribed_displacement, support_force
+from dd_macro.linear import LinearSolver
 from dd_macro.metric import Metric
 from dd_macro.parallel import total
 from dd_macro.spaces import StrainOperator, stiffness_matrix
-from tsg_micro.errors import ConvergenceError
 
-__all__ = ["DIRECT_BELOW", "MechanicalState", "Projection"]
+__all__ = ["MechanicalState", "Projection"]
 
 Array = NDArray[np.float64]
-
-DIRECT_BELOW = 200_000
-"""Number of unknowns up to which the default solver is a factorisation."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +42,7 @@ class MechanicalState:
 class Projection:
     """The assembled and factorised projection of one scene.
 
-    Small problems are solved with a Cholesky factorisation (MUMPS where PETSc has it), large ones with CG and
-    GAMG on the rigid-body near-nullspace; PETSc options with the prefix ``dd_`` override all of it.
+    The linear solver is that of :class:`dd_macro.linear.LinearSolver`, its PETSc options have the prefix ``dd_``;
     ``solver`` says what is used.
 
     Args:
@@ -72,18 +67,8 @@ class Projection:
         self.fixed, self.prescribed = prescribed_displacement(operator, conditions)
         self.loads = nodal_forces(operator, tractions)
         self._prescribed_strain = operator.strain(self.prescribed)
-        K = stiffness_matrix(operator, metric.C)
-        first = K.getOwnershipRange()[0]
-        rows = (np.flatnonzero(self.fixed) + first).astype(PETSc.IntType)
-        K.zeroRowsColumns(rows, diag=K.getDiagonal().sum() / K.getSize()[0])
-        K.setOption(PETSc.Mat.Option.SPD, True)
-        self.matrix = K
-        self._x, self._b = K.createVecs()
-        self._attach_rigid_modes()
-        self._ksp = self._make_solver()
-        ksp, pc = self._ksp, self._ksp.getPC()
-        factor = pc.getFactorSolverType() if pc.getType() in ("cholesky", "lu") else None
-        self.solver = f"{ksp.getType()} + {pc.getType()}" + (f" ({factor})" if factor else "")
+        self._linear = LinearSolver(operator, stiffness_matrix(operator, metric.C), self.fixed, prefix="dd_")
+        self.solver = self._linear.name
 
     def project(self, strain: Array, stress: Array) -> MechanicalState:
         """Mechanical state closest to the material state strain (n, 6), stress (n, 6) in Pa.
@@ -92,8 +77,8 @@ class Projection:
             ConvergenceError: the linear solver fails.
         """
         op, C = self.operator, self.metric.C
-        u = self.prescribed + self._solve(op.force((strain - self._prescribed_strain) @ C))
-        eta = self._solve(self.loads - op.force(stress))
+        u = self.prescribed + self._linear.solve(op.force((strain - self._prescribed_strain) @ C))
+        eta = self._linear.solve(self.loads - op.force(stress))
         return MechanicalState(u, eta, op.strain(u), stress + op.strain(eta) @ C)
 
     def elastic(self) -> MechanicalState:
@@ -103,7 +88,7 @@ class Projection:
             ConvergenceError: the linear solver fails.
         """
         op, C = self.operator, self.metric.C
-        u = self.prescribed + self._solve(self.loads - op.force(self._prescribed_strain @ C))
+        u = self.prescribed + self._linear.solve(self.loads - op.force(self._prescribed_strain @ C))
         strain = op.strain(u)
         return MechanicalState(u, np.zeros_like(u), strain, strain @ C)
 
@@ -120,46 +105,4 @@ class Projection:
         Raises:
             InputError: no such side.
         """
-        nodes = side_dofs(self.operator, side)
-        force = (self.operator.force(stress) - self.loads).reshape(-1, 3)
-        return total(self.operator.comm, force[nodes].sum(axis=0))
-
-    def _solve(self, right_side: Array) -> Array:
-        self._b.array[:] = np.where(self.fixed, 0.0, right_side)
-        try:
-            self._ksp.solve(self._b, self._x)
-        except PETSc.Error:
-            reason = self._ksp.getConvergedReason()
-            raise ConvergenceError(
-                f"linear solver {self.solver}: stopped after {self._ksp.getIterationNumber()} iterations, "
-                f"PETSc reason {reason}"
-            ) from None
-        return np.where(self.fixed, 0.0, self._x.array)
-
-    def _attach_rigid_modes(self) -> None:
-        x = self.matrix.createVecLeft()
-        x.setBlockSize(3)
-        x.array[:] = self.operator.node_coordinates().reshape(-1)
-        self.matrix.setNearNullSpace(PETSc.NullSpace().createRigidBody(x))
-
-    def _make_solver(self) -> PETSc.KSP:
-        ksp = PETSc.KSP().create(self.operator.comm)
-        ksp.setOptionsPrefix("dd_")
-        ksp.setOperators(self.matrix)
-        ksp.setErrorIfNotConverged(True)
-        ksp.setTolerances(rtol=1e-10, max_it=1000)  # of an iterative solver, ours or one asked for by options
-        pc = ksp.getPC()
-        package = next((name for name in ("mumps", "superlu_dist") if PETSc.Sys.hasExternalPackage(name)), None)
-        if self.operator.global_dofs <= DIRECT_BELOW and (package or self.operator.comm.size == 1):
-            ksp.setType("preonly")
-            pc.setType("lu" if package == "superlu_dist" else "cholesky")
-            pc.setFactorSolverType(package or "petsc")
-        else:
-            ksp.setType("cg")
-            pc.setType("gamg")
-        ksp.setFromOptions()
-        try:
-            ksp.setUp()
-        except PETSc.Error as error:
-            raise ConvergenceError(f"linear solver {ksp.getType()} + {pc.getType()}: set-up failed ({error})") from None
-        return ksp
+        return support_force(self.operator, side, self.operator.force(stress) - self.loads)

@@ -24,7 +24,7 @@ from dd_macro.compat import compile_form, geometry_nodes
 from dd_macro.mesh import TaggedMesh
 from tsg_micro.errors import InputError
 
-__all__ = ["StrainOperator", "mandel_strain", "stiffness_matrix"]
+__all__ = ["StrainOperator", "TangentMatrix", "mandel_strain", "stiffness_matrix"]
 
 Array = NDArray[np.float64]
 
@@ -147,3 +147,31 @@ def stiffness_matrix(operator: StrainOperator, C: Array) -> PETSc.Mat:
     K = dolfinx.fem.petsc.assemble_matrix(form)
     K.assemble()
     return K
+
+
+class TangentMatrix:
+    """K = sum w B^T C B with a C of its own at every quadrature point; one sparsity pattern, assembled again and again.
+
+    ``matrix`` (3 * nodes square, N/m) is that of the last :meth:`assemble`, without boundary conditions.
+    """
+
+    def __init__(self, operator: StrainOperator) -> None:
+        V = operator.displacements
+        mesh = operator.domain.mesh
+        u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+        degree = operator.dx.metadata()["quadrature_degree"]
+        element = basix.ufl.quadrature_element(mesh.basix_cell(), value_shape=(6, 6), scheme="default", degree=degree)
+        self._moduli = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, element))
+        points = self._moduli.function_space.dofmap.list[: operator.domain.owned_cells]
+        self._order = points.reshape(-1)  # quadrature dof of each point, cell by cell
+        stress = ufl.dot(self._moduli, mandel_strain(u))
+        self._form = compile_form(ufl.inner(mandel_strain(v), stress) * operator.dx)
+        self.matrix = dolfinx.fem.petsc.create_matrix(self._form)
+
+    def assemble(self, C: Array) -> PETSc.Mat:
+        """``matrix`` with the moduli C (n, 6, 6) in Pa."""
+        self._moduli.x.array.reshape(-1, 6, 6)[self._order] = C
+        self.matrix.zeroEntries()
+        dolfinx.fem.petsc.assemble_matrix(self.matrix, self._form)
+        self.matrix.assemble()
+        return self.matrix

@@ -154,7 +154,8 @@ def test_figures(comm, folder):
     outline = block_outlines(a.midpoint)
     np.testing.assert_allclose(outline[7], 2e-5 * np.array([[1, 1], [2, 1], [2, 2], [1, 2]]))
     p = pressure(a.stress)
-    figure = plot_comparison(outline, material=1.02 * p, mechanical=1.05 * p, tensegrity=p, symbol="p")
+    inner = np.ones(len(p), dtype=bool)
+    figure = plot_comparison(outline, material=1.02 * p, mechanical=1.05 * p, tensegrity=p, inner=inner, symbol="p")
     maps = [axes.collections[0] for axes in figure.axes[:4]]
     assert len({m.get_clim() for m in maps[:3]}) == 1
     np.testing.assert_allclose(maps[3].get_array(), 5.0)
