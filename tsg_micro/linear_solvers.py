@@ -8,6 +8,7 @@ the inertia tells a stable equilibrium from an unstable one.
 from __future__ import annotations
 
 import importlib.util
+import os
 import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -91,6 +92,7 @@ class Pardiso:
 
         n = len(indptr) - 1
         self._solver = PyPardisoSolver(mtype=-2)
+        os.environ.setdefault("PYPARDISO_MKL_RT", self._solver.libmkl._name)  # else the next one walks all of Python
         iparm = self._solver.iparm
         iparm[0], iparm[1], iparm[9], iparm[20] = 1, 2, 13, 1  # own settings, METIS, pivot 1e-13, Bunch-Kaufman
         iparm[7] = 0  # refinement only where pivots were perturbed
