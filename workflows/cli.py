@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from workflows import cli_study
-from workflows.options import BarForce, Box, Load, Measure, Out, OutFile, Plots, Strain, report, say
+from workflows.options import BarForce, Box, Images, Load, Measure, Out, OutFile, Plots, Strain, report, say
 from workflows.ranks import check_alone, leave, under_mpirun
 
 __all__ = ["app", "main"]
@@ -54,6 +54,9 @@ def sample(
     bar_force: BarForce = 1e-8,
     seed: Annotated[int, typer.Option(help="Seed; the data depend on nothing else that is random.")] = 0,
     blocks: Annotated[tuple[int, int, int], typer.Option(help="Size of the RVE in 2x2x2-cell blocks.")] = (1, 1, 1),
+    images: Annotated[
+        Images, typer.Option(help="Members on opposite faces: one, or two as in the paper.")
+    ] = Images.merged,
     stress_measure: Annotated[Measure, typer.Option(help="Stress to store.")] = Measure.first_piola,
     append: Annotated[bool, typer.Option("--append", help="Add to the file if it is there.")] = False,
     processes: Annotated[int | None, typer.Option(help="Processes without mpirun; all cores if not given.")] = None,
@@ -70,6 +73,7 @@ def sample(
         bar_force=bar_force,
         seed=seed,
         blocks=blocks,
+        images=images.value,  # type: ignore[arg-type]
         stress_measure=stress_measure.value,
         append=append,
         processes=processes,
@@ -81,16 +85,20 @@ def sample(
 
 @app.command()
 def dns(
-    out: Out,
+    out: Out = Path("results/dns"),
     blocks: Annotated[tuple[int, int], typer.Option(help="2x2x2-cell blocks along x and y.")] = (30, 15),
     load: Annotated[Load, typer.Option(help="How the top side moves.")] = Load.stretch,
     strain: Strain = 0.05,
     bar_force: BarForce = 1e-8,
+    flat: Annotated[bool, typer.Option("--flat/--free", help="Hold the mid-plane, so that it cannot buckle.")] = False,
     steps: Annotated[int, typer.Option(help="Recorded load steps.")] = 4,
     linear_solver: Annotated[str, typer.Option(help="auto, superlu, pardiso or mumps.")] = "auto",
     plots: Plots = True,
 ) -> None:
-    """Load a sheet with every bar and tendon: the reference solution."""
+    """Load a sheet with every bar and tendon: the reference solution.
+
+    A run that was cut short goes on after its last load step when the same command is given again.
+    """
     check_alone("dns")
     from workflows.dns import dns as run
 
@@ -100,12 +108,14 @@ def dns(
         load=load.value,
         strain=strain,
         bar_force=bar_force,
+        flat=flat,
         steps=steps,
         linear_solver=linear_solver,
         plots=plots,
         say=say,
     )
-    report(summary, "dofs nominal_stress newton_iterations factorisations negative_pivots seconds", out)
+    names = "dofs nominal_stress deflection row_balance newton_iterations factorisations negative_pivots seconds"
+    report(summary, names, out)
 
 
 @app.command()
@@ -116,7 +126,9 @@ def solve(
     mesh: Annotated[Path | None, typer.Option(help="Hexahedral gmsh mesh in m, sides named bottom and top.")] = None,
     load: Annotated[Load, typer.Option(help="How the top side moves.")] = Load.stretch,
     strain: Strain = 0.05,
-    metric: Annotated[str, typer.Option(help="auto, tangent or secant.")] = "auto",
+    metric: Annotated[
+        str, typer.Option(help="auto, tangent, visited (first solve picks tangents) or secant.")
+    ] = "auto",
     stress_measure: Annotated[Measure | None, typer.Option(help="Stress to solve in; else that of the data.")] = None,
     max_iterations: Annotated[int, typer.Option(help="Fixed-point iterations at most.")] = 300,
     over_relaxation: Annotated[float, typer.Option(help="Factor w of a query at y + w (z - y), 1 <= w < 2.")] = 1.7,
@@ -124,7 +136,7 @@ def solve(
 ) -> None:
     """Data-driven solution of a sheet; runs on any number of ranks (mpirun -n N tsgdd solve ...)."""
     import dd_macro
-    from workflows.solve import Scene
+    from workflows.scene import Scene
     from workflows.solve import solve as run
 
     summary = run(
@@ -155,6 +167,8 @@ def compare(
     for name in ("error_p_mech", "error_p_mat", "error_q_mech", "error_q_mat"):
         values = "  ".join(f"{kind} {value:.2%}" for kind, value in summary[name].items())
         say(f"{name:24} {values}")
+    if summary["dns_buckled"]:
+        say("the full tensegrity has buckled, the data-driven sheet cannot: compare with that of 'tsgdd dns --flat'")
     say(f"{'results':24} {out}")
 
 

@@ -34,7 +34,8 @@ def demo(
     """
     from workflows.compare import compare
     from workflows.demo_figure import plot_demo
-    from workflows.solve import Scene, solve
+    from workflows.scene import Scene
+    from workflows.solve import solve
 
     out = output_folder(out)
     begin = time.perf_counter()

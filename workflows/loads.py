@@ -9,10 +9,14 @@ from numpy.typing import NDArray
 
 from tsg_micro.errors import InputError
 
-__all__ = ["LOADS", "check_load", "nominal_strain", "top_displacement"]
+__all__ = ["LOADS", "SYMBOLS", "check_load", "nominal_strain", "top_displacement"]
 
 LOADS = {"stretch": 1, "shear": 0}
 """Load to the axis along which the top side moves; its other displacements are zero."""
+
+
+SYMBOLS = {"stretch": "p", "shear": "q"}
+"""The stress that a load is judged by (paper, Section 4.2): pressure p or effective stress q."""
 
 
 def check_load(load: str, strain: float) -> None:

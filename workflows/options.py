@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-__all__ = ["BarForce", "Box", "Load", "Measure", "Out", "OutFile", "Plots", "Strain", "report", "say"]
+__all__ = ["BarForce", "Box", "Images", "Load", "Measure", "Out", "OutFile", "Plots", "Strain", "report", "say"]
 
 
 class Load(StrEnum):
@@ -35,6 +35,13 @@ class Measure(StrEnum):
     second_piola = "second_piola"
     kirchhoff = "kirchhoff"
     cauchy = "cauchy"
+
+
+class Images(StrEnum):
+    """What members on opposite faces of an RVE become."""
+
+    merged = "merged"
+    duplicated = "duplicated"
 
 
 Out = Annotated[Path, typer.Option("--out", help="Output folder.")]

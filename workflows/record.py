@@ -16,7 +16,7 @@ import numpy as np
 from tsg_micro.errors import InputError
 from tsg_micro.files import atomic_path
 
-__all__ = ["peak_memory", "read_summary", "summary_path", "versions", "write_summary"]
+__all__ = ["machine", "peak_memory", "read_summary", "summary_path", "versions", "write_summary"]
 
 _PACKAGES = ("numpy", "scipy", "h5py", "fenics-dolfinx", "dolfinx-solver-real", "pypardiso", "mpi4py")
 
@@ -30,6 +30,13 @@ def versions() -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:
             continue
     return found
+
+
+def machine() -> dict[str, Any]:
+    """The processor and how many of its cores this process may use."""
+    text = Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else ""
+    named = [line.split(":", 1)[1].strip() for line in text.splitlines() if line.startswith("model name")]
+    return {"processor": named[0] if named else platform.machine(), "cores": len(os.sched_getaffinity(0))}
 
 
 def peak_memory() -> int:
@@ -50,7 +57,7 @@ def write_summary(
         "command": command,
         "parameters": dict(parameters),
         "versions": versions(),
-        "machine": {"processor": platform.machine(), "cores": os.cpu_count()},
+        "machine": machine(),
         "units": {name: unit for name, (_, unit) in figures.items() if unit},
         **{name: value for name, (value, _) in figures.items()},
     }
@@ -67,19 +74,20 @@ def _plain(value: object) -> object:
 
 
 def read_summary(folder: Path, command: str) -> dict[str, Any]:
-    """The summary that ``command`` wrote into ``folder``.
+    """The summary that ``command`` wrote into ``folder``, or beside it where that is a file.
 
     Raises:
         InputError: it is not there, is no summary, or another command's.
     """
-    path = folder / "summary.json"
+    path = summary_path(folder) if folder.is_file() else folder / "summary.json"
+    kind = "file" if folder.is_file() else "folder"
     try:
         summary = json.loads(path.read_text())
     except OSError:
-        raise InputError(f"{folder}: expected a folder made by 'tsgdd {command}', it has no summary.json") from None
+        raise InputError(f"{folder}: expected a {kind} made by 'tsgdd {command}', it has no {path.name}") from None
     except ValueError:  # not JSON, or not even text
         raise InputError(f"{path}: expected JSON, it cannot be read as such") from None
     ours = isinstance(summary, dict) and summary.get("command") == command
     if not ours or not isinstance(summary.get("parameters"), dict):
-        raise InputError(f"{folder}: expected a folder made by 'tsgdd {command}', its summary.json is not its")
+        raise InputError(f"{folder}: expected a {kind} made by 'tsgdd {command}', its {path.name} is not its")
     return summary

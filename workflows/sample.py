@@ -13,13 +13,14 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from multiprocessing import get_context, parent_process
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from threadpoolctl import threadpool_limits
 
 from tsg_micro.dataset import append_dataset, convert_dataset, read_dataset, write_dataset
 from tsg_micro.errors import InputError
 from tsg_micro.files import output_file
+from tsg_micro.lattice import Images
 from tsg_micro.parameters import CellParameters, check_bar_force
 from tsg_micro.rve import RVE, build_rve
 from tsg_micro.sampling import BOXES, PathData, StrainBox, join_paths, sample_paths
@@ -46,6 +47,7 @@ class Plan:
     bar_force: float
     seed: int
     blocks: tuple[int, int, int]
+    images: Images = "merged"
 
     def __post_init__(self) -> None:
         if self.load not in BOXES:
@@ -54,6 +56,8 @@ class Plan:
         for name, (value, least) in {**counts, "blocks": (min(self.blocks), 1)}.items():
             if value < least:
                 raise InputError(f"{name}: expected at least {least}, got {value}")
+        if self.images not in get_args(Images):
+            raise InputError(f"images: expected {' or '.join(get_args(Images))}, got {self.images!r}")
         if self.seed >= 2**63:
             raise InputError(f"seed: expected less than 2^63, got {self.seed}")
         check_bar_force(self.bar_force, cells=1, EA_bar=CellParameters().EA_bar)
@@ -65,7 +69,7 @@ class Plan:
 
     def rve(self) -> RVE:
         """The RVE in its reference state."""
-        return build_rve(bar_force=self.bar_force, blocks=self.blocks, free=self.box.free)
+        return build_rve(bar_force=self.bar_force, blocks=self.blocks, free=self.box.free, images=self.images)
 
     def run(self, rve: RVE, paths: Iterable[int], progress: Callable[[], None] | None = None) -> list[PathData]:
         """Follow the paths of these numbers."""
@@ -81,6 +85,7 @@ def sample(
     bar_force: float,
     seed: int = 0,
     blocks: tuple[int, int, int] = (1, 1, 1),
+    images: Images = "merged",
     stress_measure: str = "first_piola",
     append: bool = False,
     processes: int | None = None,
@@ -95,7 +100,7 @@ def sample(
     """
     comm = world()
     rank, size = (0, 1) if comm is None else (comm.rank, comm.size)
-    plan = Plan(load, paths, steps, bar_force, seed, blocks)
+    plan = Plan(load, paths, steps, bar_force, seed, blocks, images)
     output_file(out)
     check_measure(stress_measure)
     if append and out.exists():
@@ -155,7 +160,13 @@ def _check_append(out: Path, plan: Plan, stress_measure: str) -> None:
     there = read_dataset(out)
     if there.stress_measure != stress_measure:
         raise InputError(f"out {out}: expected a data set of {stress_measure} stress to append to")
-    same = {"load": plan.load, "bar_force": plan.bar_force, "seed": plan.seed, "blocks": list(plan.blocks)}
+    same = {
+        "load": plan.load,
+        "bar_force": plan.bar_force,
+        "seed": plan.seed,
+        "blocks": list(plan.blocks),
+        "images": plan.images,
+    }
     for source in there.parameters.get("joined", [there.parameters]):
         if all(source.get(name) == value for name, value in same.items()):
             raise InputError(f"seed: expected another than that of the data in {out}, got {plan.seed} again")

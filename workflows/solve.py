@@ -4,53 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from mpi4py import MPI
 
 import dd_macro as dd
 from dd_macro.parallel import check_everywhere, total
-from tsg_micro.dataset import Dataset, convert_dataset, read_dataset
 from tsg_micro.errors import InputError
 from tsg_micro.files import output_folder
-from tsg_micro.mandel import COMPONENTS, to_mandel
-from workflows.loads import LOADS, check_load, nominal_strain, top_displacement
+from workflows.loads import LOADS
 from workflows.record import peak_memory, write_summary
+from workflows.scene import Scene, check_metric, make_metric, read_material
 
-__all__ = ["METRICS", "Scene", "solve"]
-
-BLOCK = 20e-6
-"""Edge of a 2x2x2-cell block, m (paper: cell height 10 um)."""
-METRICS = {
-    "auto": dd.metric_from_dataset,
-    "tangent": dd.mean_tangent,
-    "secant": dd.secant_modulus,
-}
-
-
-@dataclass(frozen=True)
-class Scene:
-    """What is loaded, and how: a box of one element a block, or the hexahedra of a gmsh file."""
-
-    load: str
-    strain: float
-    elements: tuple[int, int, int] | None = None
-    mesh: Path | None = None
-
-    def __post_init__(self) -> None:
-        check_load(self.load, self.strain)
-        if (self.elements is None) == (self.mesh is None):
-            raise InputError("elements, mesh: expected one of them, --elements NX NY NZ or --mesh FILE.msh")
-
-    def build(self, comm: MPI.Comm) -> dd.TaggedMesh:
-        """The mesh, distributed over ``comm``."""
-        if self.mesh is not None:
-            return dd.read_msh(self.mesh, comm)
-        assert self.elements is not None
-        return dd.box(comm, elements=self.elements, size=tuple(BLOCK * n for n in self.elements))  # type: ignore[arg-type]
+__all__ = ["solve"]
 
 
 def solve(
@@ -73,22 +40,17 @@ def solve(
         ConvergenceError: the fixed-point iteration or a linear solve did not converge.
     """
     comm = MPI.COMM_WORLD
-    if metric not in METRICS:
-        raise InputError(f"metric: expected one of {', '.join(METRICS)}, got {metric!r}")
-    dataset = _together(comm, lambda: _material(data, scene, stress_measure))
+    check_metric(metric)
+    dataset = _together(comm, lambda: read_material(data, scene, stress_measure))
     _together(comm, lambda: output_folder(out) if comm.rank == 0 else None)
 
     begin = time.perf_counter()
     domain = scene.build(comm)
     operator = dd.StrainOperator(domain)
-    y = domain.mesh.geometry.x[:, 1]  # none on a rank without cells
-    low = comm.allreduce(float(np.min(y, initial=np.inf)), MPI.MIN)
-    high = comm.allreduce(float(np.max(y, initial=-np.inf)), MPI.MAX)
-    conditions = [
-        dd.Displacement("bottom"),
-        dd.Displacement("top", value=top_displacement(scene.load, scene.strain, high - low)),
-    ]
-    C = METRICS[metric](dataset)
+    conditions = scene.conditions(domain)
+    start = time.perf_counter()
+    C = make_metric(metric, operator, dataset, conditions)
+    chosen = time.perf_counter()
     projection = dd.Projection(operator, C, conditions)
     search = dd.MaterialSearch(dataset, C)
     ready = time.perf_counter()
@@ -124,6 +86,7 @@ def solve(
         "distance_history": ([i.distance for i in result.history], "sqrt(J)"),
         "changed_history": ([i.changed for i in result.history], ""),
         "seconds": (done - begin, "s"),
+        "seconds_metric": (chosen - start, "s"),
         "seconds_setup": (ready - begin, "s"),
         "seconds_search": (sum(i.seconds_search for i in result.history), "s"),
         "seconds_linear_solves": (sum(i.seconds_solve for i in result.history), "s"),
@@ -145,22 +108,6 @@ def solve(
         if plots:
             _draw(out, result)
     return comm.bcast(summary)
-
-
-def _material(data: Path, scene: Scene, stress_measure: str | None) -> Dataset:
-    """The data in the measure asked for; InputError where they do not reach the nominal strain of the scene."""
-    dataset = read_dataset(data)
-    dataset = convert_dataset(dataset, stress_measure or dataset.stress_measure)
-    wanted = to_mandel(nominal_strain(scene.load, scene.strain))
-    k = int(np.abs(wanted).argmax())
-    low, high = dataset.strain[:, k].min(), dataset.strain[:, k].max()
-    if not low <= wanted[k] <= high:
-        scale = 1.0 if k < 3 else np.sqrt(2.0)
-        raise InputError(
-            f"strain: expected a nominal eps_{COMPONENTS[k]} within the data's range "
-            f"[{low / scale:.4g}, {high / scale:.4g}], got {wanted[k] / scale:.4g}"
-        )
-    return dataset
 
 
 def _together[T](comm: MPI.Comm, action: Callable[[], T]) -> T:

@@ -1,0 +1,89 @@
+"""The macroscopic scene of a data-driven run: mesh, load, material data and metric."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+import dd_macro as dd
+from tsg_micro.dataset import Dataset, convert_dataset, read_dataset
+from tsg_micro.errors import InputError
+from tsg_micro.mandel import COMPONENTS, to_mandel
+from workflows.loads import check_load, nominal_strain, top_displacement
+
+__all__ = ["BLOCK", "METRICS", "Scene", "check_metric", "make_metric", "read_material"]
+
+BLOCK = 20e-6
+"""Edge of a 2x2x2-cell block, m (paper: cell height 10 um)."""
+METRICS = ("auto", "tangent", "visited", "secant")
+"""The data's default, the mean tangent of all data or of those that the scene visits, the secant modulus."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is loaded, and how: a box of one element a block, or the hexahedra of a gmsh file."""
+
+    load: str
+    strain: float
+    elements: tuple[int, int, int] | None = None
+    mesh: Path | None = None
+
+    def __post_init__(self) -> None:
+        check_load(self.load, self.strain)
+        if (self.elements is None) == (self.mesh is None):
+            raise InputError("elements, mesh: expected one of them, --elements NX NY NZ or --mesh FILE.msh")
+
+    def build(self, comm: MPI.Comm) -> dd.TaggedMesh:
+        """The mesh, distributed over ``comm``."""
+        if self.mesh is not None:
+            return dd.read_msh(self.mesh, comm)
+        assert self.elements is not None
+        return dd.box(comm, elements=self.elements, size=tuple(BLOCK * n for n in self.elements))  # type: ignore[arg-type]
+
+    def conditions(self, domain: dd.TaggedMesh) -> list[dd.Displacement]:
+        """Bottom side held, top side moved by the strain times the height of the mesh; collective."""
+        y = domain.mesh.geometry.x[:, 1]  # none on a rank without cells
+        low = domain.comm.allreduce(float(np.min(y, initial=np.inf)), MPI.MIN)
+        high = domain.comm.allreduce(float(np.max(y, initial=-np.inf)), MPI.MAX)
+        top = dd.Displacement("top", value=top_displacement(self.load, self.strain, high - low))
+        return [dd.Displacement("bottom"), top]
+
+
+def check_metric(name: str) -> None:
+    """Raise InputError where there is no metric of this name."""
+    if name not in METRICS:
+        raise InputError(f"metric: expected one of {', '.join(METRICS)}, got {name!r}")
+
+
+def make_metric(
+    name: str, operator: dd.StrainOperator, dataset: Dataset, conditions: list[dd.Displacement]
+) -> dd.Metric:
+    """The metric of this name for the scene; collective.
+
+    Raises:
+        InputError: no such metric, or the data give none.
+    """
+    check_metric(name)
+    if name == "visited":
+        return dd.visited_tangent(operator, dataset, conditions)
+    choose = {"auto": dd.metric_from_dataset, "tangent": dd.mean_tangent, "secant": dd.secant_modulus}[name]
+    return choose(dataset)
+
+
+def read_material(data: Path, scene: Scene, stress_measure: str | None = None) -> Dataset:
+    """The data in the measure asked for; InputError where they do not reach the nominal strain of the scene."""
+    dataset = read_dataset(data)
+    dataset = convert_dataset(dataset, stress_measure or dataset.stress_measure)
+    wanted = to_mandel(nominal_strain(scene.load, scene.strain))
+    k = int(np.abs(wanted).argmax())
+    low, high = dataset.strain[:, k].min(), dataset.strain[:, k].max()
+    if not low <= wanted[k] <= high:
+        scale = 1.0 if k < 3 else np.sqrt(2.0)
+        raise InputError(
+            f"strain: expected a nominal eps_{COMPONENTS[k]} within the data's range "
+            f"[{low / scale:.4g}, {high / scale:.4g}], got {wanted[k] / scale:.4g}"
+        )
+    return dataset
