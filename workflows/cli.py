@@ -204,6 +204,9 @@ def demo(
     run(out, blocks=blocks, paths=paths, say=say)
 
 
+app.command()(cli_study.paper)
+
+
 def main() -> None:
     """Run the command line; bad input exits with 2, a run that failed with 1, each with one line."""
     logging.captureWarnings(True)

@@ -7,10 +7,17 @@ from typing import Annotated
 
 import typer
 
-from workflows.options import Out, say
+from workflows.options import BarForce, Load, Out, Plots, Strain, report, say
 from workflows.ranks import check_alone
 
-__all__ = ["bench", "study"]
+__all__ = ["bench", "paper", "study"]
+
+Blocks = Annotated[tuple[int, int], typer.Option(help="2x2x2-cell blocks along x and y.")]
+Paths = Annotated[int, typer.Option(help="Loading paths to sample.")]
+Steps = Annotated[int, typer.Option(help="Points along each path.")]
+Dns = Annotated[Path | None, typer.Option(help="Folder of 'tsgdd dns'; computed here if not given.")]
+Data = Annotated[Path | None, typer.Option(help="Material data, HDF5; sampled here if not given.")]
+Seed = Annotated[int, typer.Option(help="Seed of the data.")]
 
 study = typer.Typer(help="Studies of the paper's Section 4.", no_args_is_help=True)
 bench = typer.Typer(help="Benchmarks: agreement and run time.", no_args_is_help=True)
@@ -27,3 +34,155 @@ def tsgfem(
     check_alone("bench tsgfem")
     run(out, cases=cases, say=say)
     say(f"{'results':24} {out}")
+
+
+@bench.command()
+def frontier(
+    load: Annotated[Load | None, typer.Option(help="How the top side moves; both if not given.")] = None,
+    out: Out = Path("results/frontier"),
+    blocks: Blocks = (60, 30),
+    strain: Strain = 0.05,
+    bar_force: BarForce = 1e-8,
+    paths: Paths = 1000,
+    steps: Steps = 10,
+    seed: Seed = 0,
+    dns: Dns = None,
+    data: Data = None,
+    plots: Plots = True,
+) -> None:
+    """Run time against error: data-driven solves, laws fitted to the same data, and the full tensegrity."""
+    check_alone("bench frontier")
+    from tsg_micro.errors import InputError
+    from workflows.bench_frontier import frontier as run
+    from workflows.chain import Chain
+
+    chain = Chain(blocks, strain, bar_force, paths, steps, seed)
+    if load is not None:
+        run(out, load=load.value, chain=chain, dns=dns, data=data, plots=plots, say=say)
+    elif dns or data:
+        raise InputError("load: expected stretch or shear beside --dns or --data, got none")
+    else:
+        for one in Load:
+            run(out / one.value, load=one.value, chain=chain, plots=plots, say=say)
+    say(f"{'results':24} {out}")
+
+
+@study.command(name="rve-size")
+def rve_size(
+    out: Out = Path("results/rve-size"),
+    largest: Annotated[int, typer.Option(help="Blocks along x and y of the largest RVE.")] = 6,
+    bar_force: Annotated[list[float] | None, typer.Option(help="Bar force in N; repeat for several.")] = None,
+    plots: Plots = True,
+) -> None:
+    """Energy and stress against RVE size, images merged and duplicated: which RVE is needed."""
+    from workflows.study_rve_size import study_rve_size as run
+
+    check_alone("study rve-size")
+    run(out, largest=largest, bar_force=bar_force or (1e-9, 1e-8, 5e-8), plots=plots, say=say)
+    say(f"{'results':24} {out}")
+
+
+@study.command()
+def sampling(
+    out: Out = Path("results/sampling"),
+    load: Annotated[Load | None, typer.Option(help="That of the files given, else both, if not given.")] = None,
+    data: Annotated[Path | None, typer.Option(help="Material data, HDF5; sampled here if not given.")] = None,
+    dd: Annotated[Path | None, typer.Option(help="Folder of 'tsgdd solve'; solved here if not given.")] = None,
+    paths: Paths = 1000,
+    steps: Steps = 10,
+    bar_force: BarForce = 1e-8,
+    seed: Seed = 0,
+    elements: Annotated[tuple[int, int], typer.Option(help="Elements along x and y of the solve.")] = (30, 15),
+    plots: Plots = True,
+) -> None:
+    """What the material data cover, and which states the macroscopic solution visits."""
+    from workflows.study_sampling import study_sampling as run
+
+    check_alone("study sampling")
+    run(
+        out,
+        load=None if load is None else load.value,
+        data=data,
+        dd=dd,
+        paths=paths,
+        steps=steps,
+        bar_force=bar_force,
+        seed=seed,
+        elements=elements,
+        plots=plots,
+        say=say,
+    )
+    say(f"{'results':24} {out}")
+
+
+@study.command(name="data-size")
+def data_size(
+    load: Annotated[Load, typer.Option(help="How the top side moves.")],
+    out: Out = Path("results/data-size"),
+    blocks: Blocks = (60, 30),
+    strain: Strain = 0.05,
+    bar_force: BarForce = 1e-8,
+    paths: Paths = 1000,
+    steps: Steps = 10,
+    seed: Seed = 0,
+    sizes: Annotated[int, typer.Option(help="Numbers of data, over three decades.")] = 16,
+    draws: Annotated[int, typer.Option(help="Random draws of each size.")] = 10,
+    dns: Dns = None,
+    data: Data = None,
+    plots: Plots = True,
+) -> None:
+    """Error and distance of the data-driven solution against the number of data, and the self-consistent benchmark."""
+    check_alone("study data-size")
+    from workflows.chain import Chain
+    from workflows.study_data_size import data_size as run
+
+    chain = Chain(blocks, strain, bar_force, paths, steps, seed)
+    summary = run(out, load=load.value, chain=chain, count=sizes, draws=draws, dns=dns, data=data, plots=plots, say=say)
+    for name, value in summary["largest"].items():
+        say(f"{name:24} {value:.2%}   data of the tensegrity itself {summary['self_consistent'][name]:.2%}")
+    report(summary, "solves seconds_solves", out)
+
+
+@study.command()
+def causes(
+    load: Annotated[Load, typer.Option(help="How the top side moves.")],
+    out: Out = Path("results/causes"),
+    blocks: Blocks = (60, 30),
+    strain: Strain = 0.05,
+    bar_force: BarForce = 1e-8,
+    paths: Paths = 1000,
+    steps: Steps = 10,
+    seed: Seed = 0,
+    dns: Dns = None,
+    data: Data = None,
+    plots: Plots = True,
+) -> None:
+    """What the error is made of: the same solve with another metric, stress, RVE, data or reference."""
+    check_alone("study causes")
+    from workflows.chain import Chain
+    from workflows.study_causes import causes as run
+
+    chain = Chain(blocks, strain, bar_force, paths, steps, seed)
+    run(out, load=load.value, chain=chain, dns=dns, data=data, plots=plots, say=say)
+    say(f"{'results':24} {out}")
+
+
+def paper(
+    out: Annotated[Path, typer.Option("--out", help="Folder of all stages and of report.md.")] = Path("results/paper"),
+    blocks: Blocks = (60, 30),
+    strain: Strain = 0.05,
+    bar_force: BarForce = 1e-8,
+    paths: Paths = 1000,
+    steps: Steps = 10,
+    seed: Seed = 0,
+    largest: Annotated[int, typer.Option(help="Largest RVE of the size study, in blocks.")] = 6,
+    sizes: Annotated[int, typer.Option(help="Numbers of data of the data-size study.")] = 16,
+    draws: Annotated[int, typer.Option(help="Random draws of each of them.")] = 10,
+) -> None:
+    """The paper's multiscale study, all of it; what is there already is not repeated."""
+    check_alone("paper")
+    from workflows.chain import Chain
+    from workflows.paper import paper as run
+
+    chain = Chain(blocks, strain, bar_force, paths, steps, seed)
+    run(out, chain=chain, largest=largest, sizes=sizes, draws=draws, say=say)

@@ -1,0 +1,170 @@
+"""tsgdd bench frontier: run time against error, of all that solves the same scene; the tensegrity is the reference."""
+
+from __future__ import annotations
+
+import csv
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+import dd_macro as dd
+from tsg_micro.dataset import Dataset, take
+from tsg_micro.errors import ConvergenceError, InputError
+from tsg_micro.files import atomic_path, output_folder
+from workflows.chain import Chain
+from workflows.loads import SYMBOLS, check_load
+from workflows.record import machine, read_summary, write_summary
+from workflows.reference import check_same_scene, read_blocks, solution_errors
+from workflows.scene import Scene, read_material
+from workflows.stages import Stages
+from workflows.trial import make_bench
+
+__all__ = ["frontier"]
+
+_METRICS = ("tangent", "visited", "secant")
+
+
+@dataclass(frozen=True)
+class _Point:
+    """A way to solve the scene: what it took, and how far its p or q is from the tensegrity's (l2)."""
+
+    method: str
+    data: int
+    seconds_sampling: float
+    seconds_solve: float
+    """All that the scene needs once the data are there: mesh, metric or fit, matrix, iterations."""
+    error_mech: float | None
+    error_mat: float | None
+    """None: a law has no material solution."""
+    error_mech_all: float | None
+    error_mat_all: float | None
+    note: str
+
+
+def frontier(
+    out: Path,
+    *,
+    load: str,
+    chain: Chain,
+    dns: Path | None = None,
+    data: Path | None = None,
+    stages: Stages | None = None,
+    plots: bool = True,
+    say: Callable[[str], None] = lambda text: None,
+) -> dict[str, Any]:
+    """Time and error of data-driven solves (numbers of data, metrics) and of laws fitted to the same data.
+
+    Without ``dns`` and ``data`` all is run here, so the ratios are of one run; both are stages of ``stages``, by
+    default in ``out``. frontier.csv has a row for every point. None of the points is tuned to the reference.
+
+    Raises:
+        InputError: an argument or a file is not valid.
+        ConvergenceError: a solve did not converge.
+    """
+    check_load(load, chain.strain)
+    out = output_folder(out)
+    stages = stages or Stages(out, say)
+    dns = dns or chain.dns(stages, load, say)
+    data = data or chain.data(stages, load)
+    scene = Scene(load, chain.strain, elements=chain.elements)
+    dataset = read_material(data, scene)
+    same = {"load": load, "strain": chain.strain}
+    check_same_scene({**same, "bar_force": chain.bar_force}, dns, "the benchmark")
+    check_same_scene({**same, "bar_force": dataset.parameters.get("bar_force")}, dns, str(data))
+    blocks = read_blocks(dns, dataset.stress_measure)
+    full = read_summary(dns, "dns")
+    per_datum = read_summary(data, "sample")["seconds"] / len(dataset)
+
+    points: list[_Point] = []
+    for size in (len(dataset) // 100, len(dataset) // 10, len(dataset)):
+        order = np.random.default_rng([0, len(dataset)]).permutation(len(dataset))
+        for point in _solve_all(scene, take(dataset, np.sort(order[: max(size, 1)])), blocks, per_datum):
+            points.append(point)
+            shown = point.note if point.error_mech is None else f"error of {SYMBOLS[load]} {point.error_mech:.1%}"
+            say(
+                f"{point.method:34} {point.data:6} data: {shown}, {point.seconds_solve:.2f} s and "
+                f"{point.seconds_sampling:.1f} s of sampling"
+            )
+    rows = [vars(point) for point in points]
+    with atomic_path(out / "frontier.csv") as temporary, temporary.open("w", newline="") as stream:
+        writer = csv.DictWriter(stream, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    best = min((p for p in points if p.error_mech is not None), key=lambda p: p.error_mech or 0.0)
+    summary = write_summary(
+        out,
+        command="bench frontier",
+        parameters={"load": load, **chain.parameters(), "dns": dns, "data": data},
+        figures={
+            "symbol": (SYMBOLS[load], ""),
+            "dns_seconds": (full["seconds"], "s"),
+            "dns_machine": (full["machine"], ""),
+            "points": (rows, ""),
+            "most_accurate": (f"{best.method}, {best.data} data", ""),
+            "dns_over_solve": ({_name(p): full["seconds"] / p.seconds_solve for p in points}, "1"),
+            "dns_over_all": (
+                {_name(p): full["seconds"] / (p.seconds_solve + p.seconds_sampling) for p in points},
+                "1",
+            ),
+        },
+    )
+    if plots:
+        from workflows.plot_frontier import plot_frontier, save_figure
+
+        save_figure(plot_frontier(rows, full["seconds"], SYMBOLS[load], machine()), out / "frontier.png")
+    return summary
+
+
+def _name(point: _Point) -> str:
+    return f"{point.method}, {point.data} data"
+
+
+def _solve_all(scene: Scene, dataset: Dataset, blocks: Dataset, per_datum: float) -> Iterator[_Point]:
+    """Every method with these data; each builds all that it needs itself."""
+    sampling = per_datum * len(dataset)
+    for name in _METRICS:
+        yield _data_driven(scene, name, dataset, blocks, sampling)
+    yield _law(scene, "linear elastic law", dd.fit_linear, dataset, blocks, sampling)
+    yield _law(scene, "polynomial energy law", dd.fit_polynomial, dataset, blocks, sampling)
+
+
+def _data_driven(scene: Scene, metric: str, dataset: Dataset, blocks: Dataset, sampling: float) -> _Point:
+    begin = time.perf_counter()
+    bench = make_bench(scene, metric, dataset, blocks)
+    chosen = bench.projection.metric
+    result = dd.solve(bench.projection, dd.MaterialSearch(dataset, chosen))
+    seconds = time.perf_counter() - begin
+    row = solution_errors(bench.operator, chosen, result, blocks).row(bench.symbol)
+    errors = {name: row[name] for name in ("error_mech", "error_mat", "error_mech_all", "error_mat_all")}
+    note = f"{result.iterations} iterations, distance {row['distance']:.1%}"
+    return _Point(f"data-driven, metric {metric}", len(dataset), sampling, seconds, **errors, note=note)
+
+
+def _law(
+    scene: Scene, name: str, fit: Callable[[Dataset], dd.Law], dataset: Dataset, blocks: Dataset, sampling: float
+) -> _Point:
+    """A law fitted to the data and solved by Newton's method; a fit or solve that fails is a point without errors."""
+    begin = time.perf_counter()
+    try:
+        law = fit(dataset)
+        domain = scene.build(MPI.COMM_SELF)
+        operator = dd.StrainOperator(domain)
+        result = dd.solve_law(operator, law, scene.conditions(domain))
+    except (ConvergenceError, InputError) as error:
+        nothing = dict.fromkeys(("error_mech", "error_mat", "error_mech_all", "error_mat_all"))
+        seconds = time.perf_counter() - begin
+        return _Point(name, len(dataset), sampling, seconds, **nothing, note=f"failed: {error}")
+    seconds = time.perf_counter() - begin
+    assert blocks.midpoint is not None
+    solution = dd.BlockStress(
+        operator.cell_corners.mean(axis=1), operator.cell_mean(result.mechanical.stress), blocks.stress_measure
+    )
+    reference = dd.BlockStress(blocks.midpoint, blocks.stress, blocks.stress_measure)
+    found = getattr(dd.compare_blocks(solution, solution, reference), f"error_{SYMBOLS[scene.load]}_mech")
+    note = f"{result.iterations} Newton iterations"
+    return _Point(name, len(dataset), sampling, seconds, found.l2, None, found.l2_all, None, note)

@@ -1,0 +1,81 @@
+"""What the studies of the paper's Section 4 stand on: material data, the full tensegrity, the data-driven solution."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from tsg_micro.errors import InputError
+from tsg_micro.parameters import CellParameters, check_bar_force
+from workflows.loads import check_load
+from workflows.stages import Stages
+
+__all__ = ["Chain"]
+
+
+@dataclass(frozen=True)
+class Chain:
+    """The scene and its data; the default values are the paper's.
+
+    ``blocks`` along x and y, nominal ``strain``, ``bar_force`` in N; ``paths`` loading paths of ``steps`` points in
+    the load's strain box, from ``seed``.
+
+    Raises:
+        InputError: on construction, where a value is not valid.
+    """
+
+    blocks: tuple[int, int] = (60, 30)
+    strain: float = 0.05
+    bar_force: float = 1e-8
+    paths: int = 1000
+    steps: int = 10
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_load("stretch", self.strain)
+        check_bar_force(self.bar_force, cells=1, EA_bar=CellParameters().EA_bar)
+        if min(self.blocks) < 3:
+            raise InputError(f"blocks: expected at least 3 3, to leave the outer ones out, got {self.blocks}")
+        for name, value, least in (("paths", self.paths, 1), ("steps", self.steps, 1), ("seed", self.seed, 0)):
+            if not least <= value < 2**63:
+                raise InputError(f"{name}: expected at least {least}, got {value}")
+
+    @property
+    def elements(self) -> tuple[int, int, int]:
+        """One element a block."""
+        return (*self.blocks, 1)
+
+    def data(self, stages: Stages, load: str, name: str = "", **more: Any) -> Path:
+        """The file of material data in the strain box of the load; sampled unless it is there.
+
+        ``more`` are other arguments of :func:`workflows.sample.sample`; the stage is then called by ``name``.
+        """
+        from workflows.sample import sample
+
+        chosen: dict[str, Any] = {"load": load, "paths": self.paths, "steps": self.steps}
+        chosen |= {"bar_force": self.bar_force, "seed": self.seed}
+        chosen |= more
+        return stages.run(name or f"data-{load}", chosen, lambda out: sample(out / "data.h5", **chosen)) / "data.h5"
+
+    def dns(self, stages: Stages, load: str, say: Callable[[str], None], *, flat: bool = True) -> Path:
+        """The folder of the full tensegrity; computed unless it is there."""
+        from workflows.dns import dns
+
+        scene: dict[str, Any] = {"blocks": self.blocks, "load": load, "strain": self.strain}
+        scene |= {"bar_force": self.bar_force, "flat": flat}
+        return stages.run(f"dns-{load}" + "-free" * (not flat), scene, lambda out: dns(out, say=say, **scene))
+
+    def solution(self, stages: Stages, load: str, data: Path, say: Callable[[str], None]) -> Path:
+        """The folder of the data-driven solution with the file ``data``, a stage of its own; computed unless there."""
+        from workflows.scene import Scene
+        from workflows.solve import solve
+
+        scene = Scene(load, self.strain, elements=self.elements)
+        run = {"load": load, "strain": self.strain, "elements": self.elements}
+        return stages.run(f"dd-{load}", run, lambda out: solve(out, data=data, scene=scene, say=say), (f"data-{load}",))
+
+    def parameters(self) -> dict[str, object]:
+        """All values, for a summary or a hash."""
+        return asdict(self)

@@ -1,0 +1,176 @@
+"""tsgdd study data-size: error and distance of the data-driven solution against the number of data (Section 4.2)."""
+
+from __future__ import annotations
+
+import csv
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tsg_micro.dataset import Dataset, take
+from tsg_micro.errors import InputError
+from tsg_micro.files import atomic_path, output_folder
+from workflows.chain import Chain
+from workflows.checkpoint import fingerprint
+from workflows.loads import SYMBOLS, check_load
+from workflows.record import write_summary
+from workflows.reference import check_same_scene, read_blocks
+from workflows.scene import Scene, read_material
+from workflows.stages import Stages
+from workflows.trial import Bench, Row, make_bench
+
+__all__ = ["FIGURES", "data_size", "sizes_of"]
+
+Array = NDArray[np.float64]
+
+FIGURES = ("error_mech", "error_mat", "error_mech_all", "error_mat_all", "distance", "distance_all")
+"""What is measured of every solve, relative (l2); without ``_all`` the outer blocks are left out."""
+
+
+def sizes_of(points: int, count: int) -> list[int]:
+    """``count`` numbers of data (fewer where they would be equal), even on a log scale, over three decades."""
+    return sorted({max(1, round(points * 10 ** (-3 + 3 * k / (count - 1)))) for k in range(count)})
+
+
+def data_size(
+    out: Path,
+    *,
+    load: str,
+    chain: Chain,
+    count: int = 16,
+    draws: int = 10,
+    dns: Path | None = None,
+    data: Path | None = None,
+    stages: Stages | None = None,
+    plots: bool = True,
+    say: Callable[[str], None] = lambda text: None,
+) -> dict[str, Any]:
+    """Solve with ``draws`` random draws of ``count`` numbers of data each, and with the tensegrity's own block states.
+
+    ``dns`` and ``data`` are a folder of ``tsgdd dns`` and a file of ``tsgdd sample``; what is not given is a stage of
+    ``stages``, by default in ``out``. All solves have one mesh, one metric (from all data) and one factorised matrix,
+    and start from the elastic solution. solves.csv has every solve, and a run that was cut short goes on from there.
+
+    Raises:
+        InputError: an argument or a file is not valid.
+        ConvergenceError: a solve did not converge.
+    """
+    check_load(load, chain.strain)
+    if count < 2 or draws < 1:
+        raise InputError(f"sizes, draws: expected at least 2 and 1, got {count} and {draws}")
+    out = output_folder(out)
+    stages = stages or Stages(out, say)
+    dns = dns or chain.dns(stages, load, say)
+    data = data or chain.data(stages, load)
+
+    begin = time.perf_counter()
+    scene = Scene(load, chain.strain, elements=chain.elements)
+    dataset = read_material(data, scene)
+    same = {"load": load, "strain": chain.strain}
+    check_same_scene({**same, "bar_force": chain.bar_force}, dns, "the study")
+    check_same_scene({**same, "bar_force": dataset.parameters.get("bar_force")}, dns, str(data))
+    blocks = read_blocks(dns, dataset.stress_measure)
+    bench = make_bench(scene, "auto", dataset, blocks)
+    metric = bench.projection.metric
+    setup = time.perf_counter() - begin
+    say(f"metric: {metric.reason}")
+
+    sizes = sizes_of(len(dataset), count)
+    run = fingerprint(
+        {"metric": metric.C, "sizes": sizes, "data": dataset.stress, "blocks": blocks.stress, "load": load}
+    )
+    rows = _draws(bench, dataset, sizes, draws, (out / "solves.csv", run), say)
+    consistent, _ = bench.solve(blocks)
+    restart = _restart(bench, dataset, sizes, rows)
+    table = {name: np.array([[row[name] for row in rows if row["size"] == size] for size in sizes]) for name in FIGURES}
+    seconds = {name: sum(row[name] for row in rows) for name in ("seconds", "seconds_search", "seconds_linear_solves")}
+    summary = write_summary(
+        out,
+        command="study data-size",
+        parameters={"load": load, **chain.parameters(), "count": count, "draws": draws, "dns": dns, "data": data},
+        figures={
+            "symbol": (SYMBOLS[load], ""),
+            "sizes": (sizes, ""),
+            **{name: ({"mean": v.mean(axis=1), "std": v.std(axis=1)}, "1") for name, v in table.items()},
+            "largest": ({name: float(v[-1].mean()) for name, v in table.items()}, "1"),
+            "self_consistent": ({name: consistent[name] for name in FIGURES}, "1"),
+            "rises": ({name: int((np.diff(v.mean(axis=1)) > 0).sum()) for name, v in table.items()}, ""),
+            "largest_rise": ({name: max(0.0, float(np.diff(v.mean(axis=1)).max())) for name, v in table.items()}, "1"),
+            "restart": (restart, ""),
+            "solves": (len(rows), ""),
+            "metric": (metric.C, "Pa"),
+            "metric_reason": (metric.reason, ""),
+            "stress_measure": (dataset.stress_measure, ""),
+            "seconds_setup": (setup, "s"),
+            **{name if name != "seconds" else "seconds_solves": (value, "s") for name, value in seconds.items()},
+        },
+    )
+    if plots:
+        from workflows.plot_data_size import plot_data_size, save_figure
+
+        save_figure(plot_data_size(summary), out / "data_size.png")
+    return summary
+
+
+def _draws(
+    bench: Bench, dataset: Dataset, sizes: list[int], draws: int, record: tuple[Path, str], say: Callable[[str], None]
+) -> list[Row]:
+    """A row for every solve. A draw is a random order of the data, of which each size takes the first ones."""
+    file, run = record
+    rows = _read(file, run)
+    there = {int(row["draw"]) for row in rows}
+    if there:
+        say(f"{len(there)} of {draws} draws are in {file.name} already")
+    for draw in sorted(set(range(draws)) - there):
+        order = np.random.default_rng([draw, len(dataset)]).permutation(len(dataset))
+        for size in sizes:
+            row, _ = bench.solve(take(dataset, order[:size]))
+            rows.append({"draw": draw, "size": size, **row})
+        last = rows[-1]
+        _write(file, run, rows)
+        say(
+            f"draw {draw + 1} of {draws}: error of {bench.symbol} {last['error_mech']:.1%} mechanical, "
+            f"{last['error_mat']:.1%} material"
+        )
+    return [row for row in rows if row["draw"] < draws]
+
+
+def _restart(bench: Bench, dataset: Dataset, sizes: list[int], rows: list[Row]) -> Row:
+    """What it would give to start every solve of the first draw from the solution with the size before."""
+    cold = [row for row in rows if row["draw"] == 0]
+    order = np.random.default_rng([0, len(dataset)]).permutation(len(dataset))
+    state, warm = None, []
+    for size in sizes:
+        row, state = bench.solve(take(dataset, order[:size]), state)
+        warm.append(row)
+    change = [abs(w[name] - c[name]) for w, c in zip(warm, cold, strict=True) for name in ("error_mech", "error_mat")]
+    return {
+        "iterations": sum(row["iterations"] for row in warm) / sum(row["iterations"] for row in cold),
+        "largest_change_of_error": max(change),
+        "change_of_error_at_largest": max(change[-2:]),
+        "error_mech_at_largest": warm[-1]["error_mech"],
+        "error_mat_at_largest": warm[-1]["error_mat"],
+    }
+
+
+def _write(file: Path, run: str, rows: list[Row]) -> None:
+    with atomic_path(file) as temporary, temporary.open("w", newline="") as stream:
+        stream.write(f"# run {run}\n")
+        writer = csv.DictWriter(stream, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _read(file: Path, run: str) -> list[Row]:
+    """The rows of an earlier part of the same run; none where there are none, or of another run."""
+    try:
+        with file.open(newline="") as stream:
+            if stream.readline() != f"# run {run}\n":
+                return []
+            return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(stream)]
+    except (OSError, ValueError, TypeError):
+        return []
