@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,14 +13,12 @@ from mpi4py import MPI
 import dd_macro as dd
 from tsg_micro.dataset import Dataset, take
 from tsg_micro.errors import ConvergenceError, InputError
-from tsg_micro.files import atomic_path, output_folder
-from workflows.chain import Chain
-from workflows.loads import SYMBOLS, check_load
-from workflows.record import machine, read_summary, write_summary
-from workflows.reference import check_same_scene, read_blocks, solution_errors
-from workflows.scene import Scene, read_material
-from workflows.stages import Stages
-from workflows.trial import make_bench
+from tsg_micro.files import output_folder
+from workflows.loads import SYMBOLS
+from workflows.record import machine, read_summary, write_summary, write_table
+from workflows.reference import read_blocks, solution_errors
+from workflows.scene import Scene
+from workflows.trial import Study, make_bench
 
 __all__ = ["frontier"]
 
@@ -46,39 +42,22 @@ class _Point:
     note: str
 
 
-def frontier(
-    out: Path,
-    *,
-    load: str,
-    chain: Chain,
-    dns: Path | None = None,
-    data: Path | None = None,
-    stages: Stages | None = None,
-    plots: bool = True,
-    say: Callable[[str], None] = lambda text: None,
-) -> dict[str, Any]:
+def frontier(study: Study, *, plots: bool = True) -> dict[str, Any]:
     """Time and error of data-driven solves (numbers of data, metrics) and of laws fitted to the same data.
 
-    Without ``dns`` and ``data`` all is run here, so the ratios are of one run; both are stages of ``stages``, by
-    default in ``out``. frontier.csv has a row for every point. None of the points is tuned to the reference.
+    Where the tensegrity and the data are stages, all is run on this machine and the ratios are of one run.
+    frontier.csv has a row for every point. None of the points is tuned to the reference.
 
     Raises:
         InputError: an argument or a file is not valid.
         ConvergenceError: a solve did not converge.
     """
-    check_load(load, chain.strain)
-    out = output_folder(out)
-    stages = stages or Stages(out, say)
-    dns = dns or chain.dns(stages, load, say)
-    data = data or chain.data(stages, load)
-    scene = Scene(load, chain.strain, elements=chain.elements)
-    dataset = read_material(data, scene)
-    same = {"load": load, "strain": chain.strain}
-    check_same_scene({**same, "bar_force": chain.bar_force}, dns, "the benchmark")
-    check_same_scene({**same, "bar_force": dataset.parameters.get("bar_force")}, dns, str(data))
-    blocks = read_blocks(dns, dataset.stress_measure)
-    full = read_summary(dns, "dns")
-    per_datum = read_summary(data, "sample")["seconds"] / len(dataset)
+    out, load = output_folder(study.out), study.load
+    found = study.prepare()
+    dataset, scene = found.dataset, found.scene
+    blocks = read_blocks(found.dns, dataset.stress_measure)
+    full = read_summary(found.dns, "dns")
+    per_datum = read_summary(found.data, "sample")["seconds"] / len(dataset)
 
     points: list[_Point] = []
     for size in (len(dataset) // 100, len(dataset) // 10, len(dataset)):
@@ -86,20 +65,17 @@ def frontier(
         for point in _solve_all(scene, take(dataset, np.sort(order[: max(size, 1)])), blocks, per_datum):
             points.append(point)
             shown = point.note if point.error_mech is None else f"error of {SYMBOLS[load]} {point.error_mech:.1%}"
-            say(
+            study.say(
                 f"{point.method:34} {point.data:6} data: {shown}, {point.seconds_solve:.2f} s and "
                 f"{point.seconds_sampling:.1f} s of sampling"
             )
     rows = [vars(point) for point in points]
-    with atomic_path(out / "frontier.csv") as temporary, temporary.open("w", newline="") as stream:
-        writer = csv.DictWriter(stream, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
+    write_table(out / "frontier.csv", rows)
     best = min((p for p in points if p.error_mech is not None), key=lambda p: p.error_mech or 0.0)
     summary = write_summary(
         out,
         command="bench frontier",
-        parameters={"load": load, **chain.parameters(), "dns": dns, "data": data},
+        parameters=study.parameters(found),
         figures={
             "symbol": (SYMBOLS[load], ""),
             "dns_seconds": (full["seconds"], "s"),

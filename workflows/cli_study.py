@@ -55,15 +55,16 @@ def frontier(
     from tsg_micro.errors import InputError
     from workflows.bench_frontier import frontier as run
     from workflows.chain import Chain
+    from workflows.trial import Study
 
     chain = Chain(blocks, strain, bar_force, paths, steps, seed)
     if load is not None:
-        run(out, load=load.value, chain=chain, dns=dns, data=data, plots=plots, say=say)
+        run(Study(out, load.value, chain, dns, data, say=say), plots=plots)
     elif dns or data:
         raise InputError("load: expected stretch or shear beside --dns or --data, got none")
     else:
         for one in Load:
-            run(out / one.value, load=one.value, chain=chain, plots=plots, say=say)
+            run(Study(out / one.value, one.value, chain, say=say), plots=plots)
     say(f"{'results':24} {out}")
 
 
@@ -135,9 +136,10 @@ def data_size(
     check_alone("study data-size")
     from workflows.chain import Chain
     from workflows.study_data_size import data_size as run
+    from workflows.trial import Study
 
     chain = Chain(blocks, strain, bar_force, paths, steps, seed)
-    summary = run(out, load=load.value, chain=chain, count=sizes, draws=draws, dns=dns, data=data, plots=plots, say=say)
+    summary = run(Study(out, load.value, chain, dns, data, say=say), count=sizes, draws=draws, plots=plots)
     for name, value in summary["largest"].items():
         say(f"{name:24} {value:.2%}   data of the tensegrity itself {summary['self_consistent'][name]:.2%}")
     report(summary, "solves seconds_solves", out)
@@ -161,9 +163,10 @@ def causes(
     check_alone("study causes")
     from workflows.chain import Chain
     from workflows.study_causes import causes as run
+    from workflows.trial import Study
 
     chain = Chain(blocks, strain, bar_force, paths, steps, seed)
-    run(out, load=load.value, chain=chain, dns=dns, data=data, plots=plots, say=say)
+    run(Study(out, load.value, chain, dns, data, say=say), plots=plots)
     say(f"{'results':24} {out}")
 
 

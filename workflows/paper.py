@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tsg_micro.errors import InputError
 from tsg_micro.files import atomic_path, output_folder
@@ -14,6 +14,9 @@ from workflows.chain import Chain
 from workflows.loads import LOADS
 from workflows.record import write_summary
 from workflows.stages import Stages
+
+if TYPE_CHECKING:
+    from workflows.trial import Study
 
 __all__ = ["paper"]
 
@@ -44,6 +47,7 @@ def paper(
     from workflows.study_data_size import data_size
     from workflows.study_rve_size import study_rve_size
     from workflows.study_sampling import study_sampling
+    from workflows.trial import Study
 
     for name, value, least in (
         ("paths * steps", chain.paths * chain.steps, 40),
@@ -69,15 +73,14 @@ def paper(
         dd = chain.solution(stages, load, data, say)
         runs = {"load": load, "chain": chain.parameters()}
         pair = (f"data-{load}", f"dns-{load}")
-        given: dict[str, Any] = {"load": load, "chain": chain, "dns": dns, "data": data, "stages": stages, "say": say}
-
+        study = partial(Study, load=load, chain=chain, dns=dns, data=data, stages=stages, say=say)
         stages.run(f"compare-{load}", runs, partial(compare, dd=dd, dns=dns), (*pair, f"dd-{load}"))
         sampled = partial(study_sampling, load=load, data=data, dd=dd, bar_force=chain.bar_force, say=say)
         stages.run(f"sampling-{load}", runs, sampled, (f"data-{load}", f"dd-{load}"))
-        sized = partial(data_size, count=sizes, draws=draws, **given)
-        stages.run(f"data-size-{load}", {**runs, "sizes": sizes, "draws": draws}, sized, pair)
-        stages.run(f"frontier-{load}", runs, partial(frontier, **given), pair)
-        stages.run(f"causes-{load}", runs, partial(causes, **given), (*pair, f"dns-{load}-free"))
+        sized, asked = partial(data_size, count=sizes, draws=draws), {**runs, "sizes": sizes, "draws": draws}
+        stages.run(f"data-size-{load}", asked, _of(study, sized), pair)
+        stages.run(f"frontier-{load}", runs, _of(study, frontier), pair)
+        stages.run(f"causes-{load}", runs, _of(study, causes), (*pair, f"dns-{load}-free"))
     with atomic_path(out / "report.md") as temporary:
         rows = write_report(temporary, out, chain)
     say(f"report: {out / 'report.md'}")
@@ -92,3 +95,8 @@ def paper(
             "seconds": (time.perf_counter() - begin, "s"),
         },
     )
+
+
+def _of(study: Callable[[Path], Study], run: Callable[[Study], Any]) -> Callable[[Path], Any]:
+    """The stage that runs a study in its folder."""
+    return lambda folder: run(study(folder))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import csv
 import importlib.metadata
 import json
 import os
 import platform
 import resource
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy as np
 from tsg_micro.errors import InputError
 from tsg_micro.files import atomic_path
 
-__all__ = ["machine", "peak_memory", "read_summary", "summary_path", "versions", "write_summary"]
+__all__ = ["machine", "peak_memory", "read_summary", "summary_path", "versions", "write_summary", "write_table"]
 
 _PACKAGES = ("numpy", "scipy", "h5py", "fenics-dolfinx", "dolfinx-solver-real", "pypardiso", "mpi4py")
 
@@ -64,6 +65,16 @@ def write_summary(
     with atomic_path(summary_path(out)) as temporary:
         temporary.write_text(json.dumps(summary, indent=2, default=_plain, allow_nan=False) + "\n")
     return summary
+
+
+def write_table(path: Path, rows: Sequence[Mapping[str, Any]], title: str | None = None) -> None:
+    """Write rows of equal names as CSV, after a line ``# title`` if there is one; whole or not at all."""
+    with atomic_path(path) as temporary, temporary.open("w", newline="") as stream:
+        if title is not None:
+            stream.write(f"# {title}\n")
+        writer = csv.DictWriter(stream, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
 
 
 def _plain(value: object) -> object:

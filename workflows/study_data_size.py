@@ -13,15 +13,12 @@ from numpy.typing import NDArray
 
 from tsg_micro.dataset import Dataset, take
 from tsg_micro.errors import InputError
-from tsg_micro.files import atomic_path, output_folder
-from workflows.chain import Chain
+from tsg_micro.files import output_folder
 from workflows.checkpoint import fingerprint
-from workflows.loads import SYMBOLS, check_load
-from workflows.record import write_summary
-from workflows.reference import check_same_scene, read_blocks
-from workflows.scene import Scene, read_material
-from workflows.stages import Stages
-from workflows.trial import Bench, Row, make_bench
+from workflows.loads import SYMBOLS
+from workflows.record import write_summary, write_table
+from workflows.reference import read_blocks
+from workflows.trial import Bench, Row, Study, make_bench
 
 __all__ = ["FIGURES", "data_size", "sizes_of"]
 
@@ -36,45 +33,24 @@ def sizes_of(points: int, count: int) -> list[int]:
     return sorted({max(1, round(points * 10 ** (-3 + 3 * k / (count - 1)))) for k in range(count)})
 
 
-def data_size(
-    out: Path,
-    *,
-    load: str,
-    chain: Chain,
-    count: int = 16,
-    draws: int = 10,
-    dns: Path | None = None,
-    data: Path | None = None,
-    stages: Stages | None = None,
-    plots: bool = True,
-    say: Callable[[str], None] = lambda text: None,
-) -> dict[str, Any]:
+def data_size(study: Study, *, count: int = 16, draws: int = 10, plots: bool = True) -> dict[str, Any]:
     """Solve with ``draws`` random draws of ``count`` numbers of data each, and with the tensegrity's own block states.
 
-    ``dns`` and ``data`` are a folder of ``tsgdd dns`` and a file of ``tsgdd sample``; what is not given is a stage of
-    ``stages``, by default in ``out``. All solves have one mesh, one metric (from all data) and one factorised matrix,
-    and start from the elastic solution. solves.csv has every solve, and a run that was cut short goes on from there.
+    All solves have one mesh, one metric (from all data) and one factorised matrix, and start from the elastic
+    solution. solves.csv has every solve, and a run that was cut short goes on from there.
 
     Raises:
         InputError: an argument or a file is not valid.
         ConvergenceError: a solve did not converge.
     """
-    check_load(load, chain.strain)
     if count < 2 or draws < 1:
         raise InputError(f"sizes, draws: expected at least 2 and 1, got {count} and {draws}")
-    out = output_folder(out)
-    stages = stages or Stages(out, say)
-    dns = dns or chain.dns(stages, load, say)
-    data = data or chain.data(stages, load)
-
+    out, load, say = output_folder(study.out), study.load, study.say
+    found = study.prepare()
+    dataset = found.dataset
     begin = time.perf_counter()
-    scene = Scene(load, chain.strain, elements=chain.elements)
-    dataset = read_material(data, scene)
-    same = {"load": load, "strain": chain.strain}
-    check_same_scene({**same, "bar_force": chain.bar_force}, dns, "the study")
-    check_same_scene({**same, "bar_force": dataset.parameters.get("bar_force")}, dns, str(data))
-    blocks = read_blocks(dns, dataset.stress_measure)
-    bench = make_bench(scene, "auto", dataset, blocks)
+    blocks = read_blocks(found.dns, dataset.stress_measure)
+    bench = make_bench(found.scene, "auto", dataset, blocks)
     metric = bench.projection.metric
     setup = time.perf_counter() - begin
     say(f"metric: {metric.reason}")
@@ -91,7 +67,7 @@ def data_size(
     summary = write_summary(
         out,
         command="study data-size",
-        parameters={"load": load, **chain.parameters(), "count": count, "draws": draws, "dns": dns, "data": data},
+        parameters={**study.parameters(found), "count": count, "draws": draws},
         figures={
             "symbol": (SYMBOLS[load], ""),
             "sizes": (sizes, ""),
@@ -131,7 +107,7 @@ def _draws(
             row, _ = bench.solve(take(dataset, order[:size]))
             rows.append({"draw": draw, "size": size, **row})
         last = rows[-1]
-        _write(file, run, rows)
+        write_table(file, rows, f"run {run}")
         say(
             f"draw {draw + 1} of {draws}: error of {bench.symbol} {last['error_mech']:.1%} mechanical, "
             f"{last['error_mat']:.1%} material"
@@ -155,14 +131,6 @@ def _restart(bench: Bench, dataset: Dataset, sizes: list[int], rows: list[Row]) 
         "error_mech_at_largest": warm[-1]["error_mech"],
         "error_mat_at_largest": warm[-1]["error_mat"],
     }
-
-
-def _write(file: Path, run: str, rows: list[Row]) -> None:
-    with atomic_path(file) as temporary, temporary.open("w", newline="") as stream:
-        stream.write(f"# run {run}\n")
-        writer = csv.DictWriter(stream, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def _read(file: Path, run: str) -> list[Row]:

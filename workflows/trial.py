@@ -1,21 +1,83 @@
-"""Data-driven solves of one scene, each measured against the full tensegrity."""
+"""What the studies of one load share: their inputs, and data-driven solves measured against the full tensegrity."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from mpi4py import MPI
 
 import dd_macro as dd
 from tsg_micro.dataset import Dataset
-from workflows.loads import SYMBOLS
-from workflows.reference import solution_errors
-from workflows.scene import Scene, make_metric
+from workflows.chain import Chain
+from workflows.loads import SYMBOLS, check_load
+from workflows.reference import check_same_scene, solution_errors
+from workflows.scene import Scene, make_metric, read_material
+from workflows.stages import Stages
 
-__all__ = ["Bench", "Row", "make_bench"]
+__all__ = ["Bench", "Inputs", "Row", "Study", "make_bench"]
 
 Row = dict[str, float]
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What a study of one load starts from."""
+
+    stages: Stages
+    dns: Path
+    """Folder of the full tensegrity."""
+    data: Path
+    """File of the material data."""
+    dataset: Dataset
+    scene: Scene
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study of one load, its results in ``out``.
+
+    ``dns`` is a folder of ``tsgdd dns`` and ``data`` a file of ``tsgdd sample``; what is None is a stage of ``stages``,
+    which are in ``out`` if None.
+
+    Raises:
+        InputError: on construction, where the load or the strain is not valid.
+    """
+
+    out: Path
+    load: str
+    chain: Chain
+    dns: Path | None = None
+    data: Path | None = None
+    stages: Stages | None = None
+    say: Callable[[str], None] = lambda text: None
+
+    def __post_init__(self) -> None:
+        check_load(self.load, self.chain.strain)
+
+    def prepare(self) -> Inputs:
+        """Run what is not there, read what is.
+
+        Raises:
+            InputError: a folder or file is not what it should be, or of another load, strain or bar force.
+            ConvergenceError: a solver did not converge.
+        """
+        chain, load = self.chain, self.load
+        stages = self.stages or Stages(self.out, self.say)
+        dns = self.dns or chain.dns(stages, load, self.say)
+        data = self.data or chain.data(stages, load)
+        scene = Scene(load, chain.strain, elements=chain.elements)
+        dataset = read_material(data, scene)
+        same = {"load": load, "strain": chain.strain}
+        check_same_scene({**same, "bar_force": chain.bar_force}, dns, "the study")
+        check_same_scene({**same, "bar_force": dataset.parameters.get("bar_force")}, dns, str(data))
+        return Inputs(stages, dns, data, dataset, scene)
+
+    def parameters(self, found: Inputs) -> dict[str, object]:
+        """For the summary."""
+        return {"load": self.load, **self.chain.parameters(), "dns": found.dns, "data": found.data}
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,10 @@ import pytest
 
 from tsg_micro.dataset import read_dataset
 from tsg_micro.errors import InputError
+from workflows.chain import Chain as SceneOfChain
 from workflows.stages import Stages
 from workflows.study_data_size import data_size, sizes_of
+from workflows.trial import Study
 
 SMALL = ("--blocks", 4, 4, "--paths", 10, "--steps", 4)
 
@@ -85,11 +87,8 @@ def study(chain, tmp_path_factory):
 
 
 def run_study(chain, out, draws=3):
-    from workflows.chain import Chain
-
-    scene = Chain(blocks=(4, 4), strain=0.04)
-    given = {"dns": chain.dns, "data": chain.data}
-    return data_size(out, load="stretch", chain=scene, count=3, draws=draws, plots=False, **given)
+    scene = SceneOfChain(blocks=(4, 4), strain=0.04)
+    return data_size(Study(out, "stretch", scene, chain.dns, chain.data), count=3, draws=draws, plots=False)
 
 
 def test_all_data_give_what_solve_and_compare_give(study, chain, tsgdd, read_summary, tmp_path):
