@@ -88,7 +88,7 @@ def _rows(load: str, found: Mapping[str, Summary], chain: Chain) -> Iterable[dic
     yield row("normalised distance", paper["distance"], _percent(largest, "distance"), study)
     yield row("the same, data of the tensegrity itself", paper["own"], _percent(own, "distance"), study)
     full = f"tsgdd dns {scene} {blocks} --flat --out D"
-    yield row("time of the full tensegrity", "-", f"{dns['seconds']:.0f} s, {dns['peak_memory'] / 1e9:.1f} GB", full)
+    yield row("time of the full tensegrity", "-", f"{dns['seconds']:.0f} s", full)
     balance = f"{dns['row_balance']:.0e}, {dns['negative_pivots']} negative pivots, {dns['nominal_stress']:.1f} Pa"
     yield row("rows of blocks against the reaction", "-", balance, full)
     free = found["free"]
