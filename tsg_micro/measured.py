@@ -21,7 +21,7 @@ from tsg_micro.errors import InputError
 from tsg_micro.mandel import COMPONENTS, to_mandel
 from tsg_micro.stress import check_measure
 
-__all__ = ["STRAIN_UNITS", "STRESS_UNITS", "Column", "read_csv"]
+__all__ = ["STRAIN_UNITS", "STRESS_UNITS", "Column", "read_csv", "read_headers", "read_numbers"]
 
 Array = NDArray[np.float64]
 
@@ -81,7 +81,7 @@ def read_csv(
     path = Path(path)
     check_measure(stress_measure)
     _check_declared(columns, zero)
-    values = _read_numbers(path, columns)
+    values = read_numbers(path, columns)
     count = len(values["line"])
 
     tensors = {"eps": np.zeros((count, 3, 3)), "sigma": np.zeros((count, 3, 3))}
@@ -134,19 +134,18 @@ def _check_declared(columns: Mapping[str, Column], zero: Collection[str]) -> Non
         raise InputError(f"components {', '.join(missing)}: expected a column, or a declaration as zero, got neither")
 
 
-def _read_numbers(path: Path, columns: Mapping[str, Column]) -> dict[str, Array]:
-    """The declared columns as they stand in the file, and the number of each point's ``line``."""
-    if not path.is_file():
-        raise InputError(f"CSV file {path}: no such file")
+def read_numbers(path: Path, columns: Mapping[str, Column]) -> dict[str, Array]:
+    """The declared columns as they stand in the file, and the number of each point's ``line``.
+
+    Raises:
+        InputError: the file is missing or empty, a column is not there, or a cell is no finite number.
+    """
+    headers, delimiter = read_headers(path)
+    place = {name: _place(path, headers, column.header) for name, column in columns.items()}
     values: dict[str, list[float]] = {name: [] for name in (*columns, "line", *_COUNTERS)}
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            first = file.readline()
-            delimiter = max(",;\t", key=first.count)
-            headers = [cell.strip() for cell in next(csv.reader([first], delimiter=delimiter), [])]
-            if not any(headers):
-                raise InputError(f"CSV file {path}: expected column headers in line 1, got an empty line")
-            place = {name: _place(path, headers, column.header) for name, column in columns.items()}
+            file.readline()
             reader = csv.reader(file, delimiter=delimiter)
             for row in reader:
                 if not any(cell.strip() for cell in row):
@@ -159,10 +158,34 @@ def _read_numbers(path: Path, columns: Mapping[str, Column]) -> dict[str, Array]
                     values[name].append(_number(row[at], where, whole=name in _COUNTERS))
                 values["line"].append(line)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"CSV file {path}: expected a text file in UTF-8, but it cannot be read ({error})") from None
+        raise _unreadable(path, error) from None
     if not values["line"]:
         raise InputError(f"CSV file {path}: expected lines of numbers below the headers, got none")
     return {name: np.array(numbers) for name, numbers in values.items()}
+
+
+def read_headers(path: Path) -> tuple[list[str], str]:
+    """Headers in the first line of a CSV file, and what parts its cells.
+
+    Raises:
+        InputError: the file is missing, is no text, or its first line is empty.
+    """
+    if not path.is_file():
+        raise InputError(f"CSV file {path}: no such file")
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            first = file.readline()
+        delimiter = max(",;\t", key=first.count)
+        headers = [cell.strip() for cell in next(csv.reader([first], delimiter=delimiter), [])]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise _unreadable(path, error) from None
+    if not any(headers):
+        raise InputError(f"CSV file {path}: expected column headers in line 1, got an empty line")
+    return headers, delimiter
+
+
+def _unreadable(path: Path, error: Exception) -> InputError:
+    return InputError(f"CSV file {path}: expected a text file in UTF-8, but it cannot be read ({error})")
 
 
 def _place(path: Path, headers: list[str], header: str) -> int:

@@ -1,4 +1,4 @@
-"""Figures of tensegrity structures, and what all figures share.
+"""Sheets of cells seen from above, and what all figures share.
 
 Lengths in m, forces in N, stresses in Pa go in; a Matplotlib figure that needs no display comes out.
 """
@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgb
+from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
@@ -22,59 +22,28 @@ from numpy.typing import ArrayLike, NDArray
 from tsg_micro.errors import InputError
 from tsg_micro.files import atomic_path
 from tsg_micro.structure import Structure, member_vectors
-from tsg_micro.unit_cell import KINDS
 
-__all__ = ["FORCE", "MICRO", "STYLE", "finite", "new_figure", "plot_sheet", "plot_structure", "save_figure"]
+__all__ = [
+    "FORCE",
+    "MICRO",
+    "STYLE",
+    "cased_lines",
+    "finite",
+    "frame",
+    "member_segments",
+    "new_figure",
+    "plot_sheet",
+    "save_figure",
+    "scale_bar",
+    "triad",
+]
 
 Array = NDArray[np.float64]
 
 STYLE = {"font.size": 13, "axes.titlesize": 14, "axes.linewidth": 0.8, "savefig.dpi": 200}
 MICRO = 1e6
-_COLOURS = ("#0072b2", "#e69f00", "#2b2b33")  # by kind; told apart with any colour vision
-_WIDTHS = np.array([0.5, 0.5, 1.0])
-_AZIMUTH, _ELEVATION = np.radians(-64.0), np.radians(22.0)
 # grey, not white, in the middle: thin members of a small force must not vanish
 FORCE = LinearSegmentedColormap.from_list("force", ["#053061", "#2f79b5", "#c0c0c0", "#d6604d", "#67001f"])
-
-
-def plot_structure(structure: Structure, displacement: Array | None = None) -> Figure:
-    """The structure in space (parallel projection), at ``displacement`` (n, 3) in m if given; far members fade.
-
-    Raises:
-        InputError: ``displacement`` has another shape than the nodes, or is not finite.
-    """
-    right = np.array([-np.sin(_AZIMUTH), np.cos(_AZIMUTH), 0.0])
-    towards = np.array(
-        [np.cos(_ELEVATION) * np.cos(_AZIMUTH), np.cos(_ELEVATION) * np.sin(_AZIMUTH), np.sin(_ELEVATION)]
-    )
-    camera = np.column_stack([right, np.cross(towards, right), towards])
-    segments = MICRO * _segments(structure, displacement) @ camera
-    segments = np.append(segments[..., :2], segments[..., 2:].mean(axis=1, keepdims=True).repeat(2, axis=1), axis=2)
-    order = np.argsort(segments[:, 0, 2])
-    segments, kind = segments[order], structure.kind[order]
-
-    low, high = segments.reshape(-1, 3).min(axis=0), segments.reshape(-1, 3).max(axis=0)
-    extent = high - low
-    scale = 8.0 / max(extent[:2].max(), 1e-300)  # inches per µm
-    points = 72 * scale * float(np.median(np.linalg.norm(np.diff(segments[..., :2], axis=1), axis=2)))
-    width = np.clip(0.075 * points, 0.6, 6.0) * _WIDTHS[kind]
-    far = (high[2] - segments[:, 0, 2]) / max(extent[2], 1e-300)
-    # One cell needs no haze; of a dense body only the near half is seen.
-    haze = min(1.0, len(kind) / 400) * min(1.0 + len(kind) / 40000, 2.0)
-    fade = 0.7 * np.clip(haze * far, 0.0, 1.25)[:, None]
-    colour = np.array([to_rgb(c) for c in _COLOURS])[kind] * (1 - fade) + 0.97 * fade
-
-    with mpl.rc_context(STYLE):
-        figure = new_figure(*np.maximum(extent[:2] * scale + (0.4, 1.0), 3.5))
-        axes = figure.add_subplot()
-        _cased(axes, segments[..., :2], colour, width, np.ones_like(colour))
-        _frame(axes, low, high, 0.02)
-        axes.set_axis_off()
-        handles = [Line2D([], [], color=_COLOURS[k], linewidth=4 * _WIDTHS[k], label=KINDS[k]) for k in (2, 0, 1)]
-        figure.legend(handles=handles, loc="outside upper center", ncols=3, frameon=False)
-        _scale_bar(axes, low, extent)
-        _triad(axes, camera)
-    return figure
 
 
 def plot_sheet(structure: Structure, displacement: Array, force: Array) -> Figure:
@@ -93,7 +62,7 @@ def plot_sheet(structure: Structure, displacement: Array, force: Array) -> Figur
     if len(structure.cells) == 0:
         raise InputError("structure: expected a lattice of cells, got a structure without")
     force = finite("force", force, (len(structure.members),)) * 1e9
-    segments = MICRO * _segments(structure, displacement)
+    segments = MICRO * member_segments(structure, displacement)
     order = np.argsort(segments[..., 2].mean(axis=1))  # what lies above is drawn last
     segments, force, bars = segments[order, :, :2], force[order], structure.bars[order]
 
@@ -116,8 +85,8 @@ def plot_sheet(structure: Structure, displacement: Array, force: Array) -> Figur
             cell = 72 * height * 0.5 * block / (end - start)[1]  # points
             width = np.clip(0.055 * cell, 0.7, 5.0) * np.where(bars, 1.0, 0.55)[inside]
             edge = np.where(bars[inside, None], 0.1, 1.0) * np.ones(3)
-            _cased(axes, segments[inside], colour[inside], width, edge)
-            _frame(axes, start, end, 0.01 if axes is grid[0] else 0.0)
+            cased_lines(axes, segments[inside], colour[inside], width, edge)
+            frame(axes, start, end, 0.01 if axes is grid[0] else 0.0)
             axes.set_xlabel(r"$x$ / µm")
         grid[0].set_ylabel(r"$y$ / µm")
         grid[1].tick_params(labelleft=False)  # the guide lines run there
@@ -159,7 +128,7 @@ def finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
     return array
 
 
-def _segments(structure: Structure, displacement: Array | None) -> Array:
+def member_segments(structure: Structure, displacement: Array | None) -> Array:
     """Ends (m, 2, 3) of the members, m; a member to a periodic image is drawn as far as that image."""
     start, vector = structure.nodes[structure.members[:, 0]], member_vectors(structure)
     ends = np.stack([start, start + vector], axis=1)
@@ -168,7 +137,7 @@ def _segments(structure: Structure, displacement: Array | None) -> Array:
     return ends + finite("displacement", displacement, structure.nodes.shape)[structure.members]
 
 
-def _cased(axes: Axes, segments: Array, colour: Array, width: Array, edge: Array) -> None:
+def cased_lines(axes: Axes, segments: Array, colour: Array, width: Array, edge: Array) -> None:
     """Members in the order given, each with an edge around it that parts it from what lies behind."""
     if width.max(initial=0.0) >= 1.2:
         inset = 0.04 * (segments[:, 1] - segments[:, 0])  # no edge around what meets at a node
@@ -179,14 +148,15 @@ def _cased(axes: Axes, segments: Array, colour: Array, width: Array, edge: Array
     axes.add_collection(lines, autolim=False)
 
 
-def _frame(axes: Axes, low: Array, high: Array, margin: float) -> None:
+def frame(axes: Axes, low: Array, high: Array, margin: float) -> None:
+    """Limits around ``low`` and ``high`` with a ``margin`` relative to the larger extent, at one scale."""
     room = margin * (high - low)[:2].max()
     axes.set_xlim(low[0] - room, high[0] + room)
     axes.set_ylim(low[1] - room, high[1] + room)
     axes.set_aspect("equal")
 
 
-def _scale_bar(axes: Axes, low: Array, extent: Array) -> None:
+def scale_bar(axes: Axes, low: Array, extent: Array) -> None:
     """A bar of 1, 2 or 5 times a power of ten µm, below the structure."""
     wanted = 0.25 * max(extent[:2])
     power = 10.0 ** np.floor(np.log10(wanted))
@@ -199,7 +169,7 @@ def _scale_bar(axes: Axes, low: Array, extent: Array) -> None:
     axes.set_ylim(bottom=y - 0.07 * extent[:2].max())
 
 
-def _triad(axes: Axes, camera: Array) -> None:
+def triad(axes: Axes, camera: Array) -> None:
     """The directions x, y, z in the lower right corner."""
     corner = axes.inset_axes((0.88, 0.0, 0.12, 0.12))
     corner.set(xlim=(-0.7, 1.3), ylim=(-0.7, 1.3), aspect="equal")

@@ -16,7 +16,7 @@ from tsg_micro.errors import InputError
 from tsg_micro.mandel import COMPONENTS, from_mandel, pressure, von_mises
 from tsg_micro.plot import MICRO, STYLE, finite, new_figure
 
-__all__ = ["plot_blocks", "plot_curve", "plot_dataset"]
+__all__ = ["outlines", "plot_blocks", "plot_curve", "plot_dataset"]
 
 Array = NDArray[np.float64]
 
@@ -84,7 +84,7 @@ def plot_blocks(
     midpoint = midpoint[top]
     if displacement is not None:
         displacement = finite("displacement", displacement, (len(top), 3))[top]
-    outline = MICRO * _outlines(midpoint, displacement, single)
+    outline = MICRO * outlines(midpoint, displacement, single)
     extent = np.ptp(outline.reshape(-1, 2), axis=0)
     with mpl.rc_context(STYLE):
         rows = -(-len(fields) // columns)
@@ -133,7 +133,7 @@ def plot_curve(
     return figure
 
 
-def _outlines(midpoint: Array, displacement: Array | None, single: float) -> Array:
+def outlines(midpoint: Array, displacement: Array | None, single: float) -> Array:
     """Quadrilaterals (b, 4, 2) in m of the blocks of one layer, from their midpoints (b, 3) and displacements."""
     extent = np.ptp(midpoint[:, :2], axis=0)
     places = [np.unique(np.round(midpoint[:, i] / (extent.max() or 1.0), 6), return_inverse=True) for i in (0, 1)]

@@ -16,7 +16,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from tsg_micro.errors import InputError
 
@@ -51,7 +50,10 @@ def _twist(r: float) -> float:
         a, b = r * np.cos(theta), r * np.sin(theta)
         return 2.0 * b * (1.0 + (1.0 + b) * (0.5 / a + 1.0 / (1.0 - a))) - (1.0 + b)
 
-    return float(brentq(imbalance, 1e-9, np.pi / 2 - 1e-9, xtol=1e-15, rtol=8.9e-16))
+    low, high = 1e-9, np.pi / 2 - 1e-9
+    while low < (middle := 0.5 * (low + high)) < high:  # until no number lies between; quicker than importing brentq
+        low, high = (middle, high) if imbalance(middle) < 0.0 else (low, middle)
+    return float(middle)
 
 
 def _rotations() -> NDArray[np.float64]:

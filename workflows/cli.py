@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from workflows import cli_study
+from workflows import cli_scenes, cli_study
 from workflows.options import BarForce, Box, Images, Load, Measure, Out, OutFile, Plots, Strain, report, say
 from workflows.ranks import check_alone, leave, under_mpirun
 
@@ -187,6 +187,7 @@ def import_csv(
     run(csv, column=column, zero=zero or [], stress_measure=stress_measure.value, out=out)
 
 
+app.add_typer(cli_scenes.scenes)
 app.add_typer(cli_study.study, name="study")
 app.add_typer(cli_study.bench, name="bench")
 

@@ -70,7 +70,8 @@ def structure(
         },
     )
     if plots:
-        from tsg_micro.plot import plot_structure, save_figure
+        from tsg_micro.plot import save_figure
+        from tsg_micro.plot3d import plot_structure
         from tsg_micro.vtu import write_vtu
 
         system = MemberSystem(built)

@@ -11,7 +11,7 @@ from tsg_micro.assembly import MemberSystem
 from tsg_micro.errors import InputError
 from tsg_micro.lattice import box_cells, lattice
 from tsg_micro.parameters import CellParameters
-from tsg_micro.plot import plot_sheet, plot_structure, save_figure
+from tsg_micro.plot import plot_sheet, save_figure
 from tsg_micro.plot_data import plot_blocks, plot_curve
 from tsg_micro.prestress import prestressed
 from tsg_micro.structure import from_arrays
@@ -31,51 +31,6 @@ def stretched():
 
 def lengths(collection):
     return np.array([np.linalg.norm(np.diff(s, axis=0)) for s in collection.get_segments()])
-
-
-def test_structure_is_drawn_to_scale(tmp_path):
-    cell = lattice(box_cells(1, 1, 1), PARAMETERS)
-    figure = plot_structure(cell)
-    (lines,) = figure.axes[0].collections
-    drawn = lines.get_segments()[1::2]  # every second one is an edge
-    assert len(drawn) == 48
-    widths, longest = np.asarray(lines.get_linewidths())[1::2], lengths(lines)[1::2]
-    assert (widths == widths.max()).sum() == 12
-    assert widths.max() == 2 * widths.min()
-    # a parallel projection shortens, the more the steeper, and never lengthens
-    length = 1e6 * cell.rest_length
-    assert longest.max() <= length.max() * (1 + 1e-12)
-    assert longest.max() > 0.9 * length.max()
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["bar", "square tendon", "edge tendon"]
-    bar, label = figure.axes[0].lines[0], figure.axes[0].texts[0].get_text()
-    assert label == f"{np.ptp(bar.get_xdata()):g} µm"
-    assert figure.axes[0].get_aspect() == 1
-    assert not figure.axes[0].axison
-    save_figure(figure, tmp_path / "cell.png")
-    image = imread(tmp_path / "cell.png")
-    assert image.shape[1] == round(200 * figure.get_figwidth())
-    assert image[..., :3].std() > 0.05
-    assert [path.name for path in tmp_path.iterdir()] == ["cell.png"]
-
-
-def test_structure_follows_the_displacement():
-    cell = lattice(box_cells(1, 1, 1), PARAMETERS)
-    plain, doubled = (plot_structure(cell, u).axes[0].collections[0] for u in (None, cell.nodes))
-    np.testing.assert_allclose(lengths(doubled), 2 * lengths(plain), rtol=1e-12)
-    with pytest.raises(InputError, match=r"displacement: expected finite numbers of shape \(24, 3\)"):
-        plot_structure(cell, np.full((24, 3), np.nan))
-
-
-def test_upright_rod_gets_a_scale_bar():
-    ends = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1e-5]])
-    rod = from_arrays(ends, np.array([[0, 1]]), kind=np.full(1, 2, np.uint8), EA=np.ones(1), rest_length=np.ones(1))
-    assert plot_structure(rod).axes[0].texts[0].get_text() == "2 µm"
-
-
-def test_periodic_members_reach_their_image():
-    block = lattice(box_cells(2, 2, 2), PARAMETERS, periodic=(True, True, True))
-    lines = plot_structure(block).axes[0].collections[0]
-    assert lengths(lines).max() <= 1e6 * block.rest_length.max() * (1 + 1e-12)
 
 
 def test_sheet_colours_are_forces(stretched, tmp_path):
