@@ -85,9 +85,10 @@ def fit_polynomial(
 
     Raises:
         InputError: bad arguments, or strains or stresses that are all zero.
+        ConvergenceError: the search for a convex energy did not end.
     """
-    if not 2 <= degree <= 6:
-        raise InputError(f"degree: expected 2 to 6, got {degree}")
+    if degree not in range(2, 7):
+        raise InputError(f"degree: expected a whole number from 2 to 6, got {degree}")
     if mirrors is not None and not set(mirrors) <= set(_FLIPPED):
         raise InputError(f"mirrors: expected some of x, y, z, got {mirrors!r}")
     largest = np.abs(dataset.strain).max(axis=0)

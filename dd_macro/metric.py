@@ -82,13 +82,15 @@ def isotropic(*, young: float, poisson: float) -> Metric:
 def mean_tangent(dataset: Dataset, weight: Array | None = None) -> Metric:
     """Metric from the mean of the data's tangents, its symmetric part with small eigenvalues raised.
 
-    ``weight`` (N,) of the data, not all zero; equal ones if None.
+    ``weight`` (N,) of the data, not negative and not all zero; equal ones if None.
 
     Raises:
-        InputError: the data have no tangents.
+        InputError: the data have no tangents, or weights that are no weights.
     """
     if dataset.tangent is None:
         raise InputError("data set: expected tangents for this metric, got none")
+    if weight is not None and not (np.shape(weight) == (len(dataset),) and np.min(weight) >= 0 and np.sum(weight) > 0):
+        raise InputError(f"weight: expected {len(dataset)} numbers from 0 upwards, not all zero, got {weight}")
     mean = np.average(dataset.tangent, axis=0, weights=weight)
     C, raised = _positive(0.5 * (mean + mean.T))
     return Metric(C, f"mean tangent of {len(dataset)} data" + _note(raised))

@@ -130,7 +130,7 @@ def plot_comparison(
             colour_bar(figure, drawn, place, f"${symbol}$ / Pa")
         top = max(float(np.percentile(np.abs(error), 95)), 1e-12) if error.size else 1.0
         drawn = draw_field(axes[3], outline, np.abs(error), (0.0, top), _ERROR)
-        axes[3].set_title(f"relative error of mechanical ${symbol}$")
+        axes[3].set_title(f"relative error of mechanical ${symbol}$, its size")
         colour_bar(figure, drawn, axes[3], "error / %", extend="max")
         _label(axes, 2)
         _histogram(
@@ -149,7 +149,7 @@ def _histogram(axes: Axes, errors: Mapping[str, Array], symbol: str) -> None:
         label = f"{name}: mean {values.mean():+.1f} %, standard deviation {values.std():.1f} %"
         axes.hist(np.clip(values, -limit, limit), bins, alpha=0.55, color=colour, label=label)
     axes.axvline(0.0, color="0.3", linewidth=0.8)
-    axes.set_xlabel(f"relative error of ${symbol}$ / %, outer blocks left out")
+    axes.set_xlabel(f"relative error of ${symbol}$ / %, outer blocks left out; the last bins hold all beyond")
     axes.set_ylabel("blocks")
     axes.set_ylim(top=1.3 * axes.get_ylim()[1])  # room for the legend
     axes.legend(loc="upper center", ncols=2, frameon=False)

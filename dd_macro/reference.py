@@ -215,8 +215,8 @@ class _Scene:
             stress, tangent = self.law.stress_and_tangent(strain)
             if not (np.isfinite(stress).all() and np.isfinite(tangent).all()):
                 message = "it gives numbers that are not finite"
-        except ConvergenceError as error:
-            message = str(error)
+        except Exception as error:  # whatever it is, the other ranks wait for word of it
+            message = str(error) if isinstance(error, ConvergenceError) else f"{type(error).__name__}: {error}"
         first = op.comm.allreduce(op.comm.size if message is None else op.comm.rank, op=MPI.MIN)
         if first < op.comm.size:
             raise ConvergenceError(f"the law fails at load {load:.4g}: {op.comm.bcast(message, root=first)}")

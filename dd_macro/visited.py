@@ -47,4 +47,4 @@ def visited_tangent(
     volume = total(operator.comm, local)
     metric = mean_tangent(dataset, volume)
     used = f"the {np.count_nonzero(volume)} of {len(dataset)} data that a first solve uses"
-    return replace(metric, reason=metric.reason.replace(f"{len(dataset)} data", used))
+    return replace(metric, reason=f"mean tangent of {used}{metric.reason.partition(' data')[2]}")

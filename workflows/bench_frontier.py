@@ -15,14 +15,16 @@ from tsg_micro.dataset import Dataset, take
 from tsg_micro.errors import ConvergenceError, InputError
 from tsg_micro.files import output_folder
 from workflows.loads import SYMBOLS
-from workflows.record import machine, read_summary, write_summary, write_table
-from workflows.reference import read_blocks, solution_errors
+from workflows.record import read_summary, write_summary, write_table
+from workflows.reference import describe, read_blocks, solution_errors
 from workflows.scene import Scene
 from workflows.trial import Study, make_bench
 
 __all__ = ["frontier"]
 
 _METRICS = ("tangent", "visited", "secant")
+_REPEATS = 3
+"""Every point is timed as often, and the shortest time counts."""
 
 
 @dataclass(frozen=True)
@@ -57,12 +59,18 @@ def frontier(study: Study, *, plots: bool = True) -> dict[str, Any]:
     dataset, scene = found.dataset, found.scene
     blocks = read_blocks(found.dns, dataset.stress_measure)
     full = read_summary(found.dns, "dns")
-    per_datum = read_summary(found.data, "sample")["seconds"] / len(dataset)
+    sampled = read_summary(found.data, "sample")
+    if sampled.get("seconds_in_file") is None:
+        raise InputError(f"data: expected the time of sampling in the summary beside {found.data}, got none")
+    per_datum = sampled["seconds_in_file"] / sampled["points_in_file"]
+    small = take(dataset, np.arange(min(10, len(dataset))))
+    for _ in _solve_all(scene, small, blocks, 0.0):  # kernels are compiled and libraries loaded before the clock runs
+        pass
 
     points: list[_Point] = []
-    for size in (len(dataset) // 100, len(dataset) // 10, len(dataset)):
+    for size in sorted({max(1, len(dataset) // 100), max(1, len(dataset) // 10), len(dataset)}):
         order = np.random.default_rng([0, len(dataset)]).permutation(len(dataset))
-        for point in _solve_all(scene, take(dataset, np.sort(order[: max(size, 1)])), blocks, per_datum):
+        for point in _solve_all(scene, take(dataset, np.sort(order[:size])), blocks, per_datum):
             points.append(point)
             shown = point.note if point.error_mech is None else f"error of {SYMBOLS[load]} {point.error_mech:.1%}"
             study.say(
@@ -79,6 +87,8 @@ def frontier(study: Study, *, plots: bool = True) -> dict[str, Any]:
         figures={
             "symbol": (SYMBOLS[load], ""),
             "dns_seconds": (full["seconds"], "s"),
+            "dns_resumed_after_step": (full["resumed_after_step"], ""),
+            "reference": (describe(full), ""),
             "dns_machine": (full["machine"], ""),
             "points": (rows, ""),
             "most_accurate": (f"{best.method}, {best.data} data", ""),
@@ -92,7 +102,7 @@ def frontier(study: Study, *, plots: bool = True) -> dict[str, Any]:
     if plots:
         from workflows.plot_frontier import plot_frontier, save_figure
 
-        save_figure(plot_frontier(rows, full["seconds"], SYMBOLS[load], machine()), out / "frontier.png")
+        save_figure(plot_frontier(rows, full["seconds"], summary), out / "frontier.png")
     return summary
 
 
@@ -110,11 +120,13 @@ def _solve_all(scene: Scene, dataset: Dataset, blocks: Dataset, per_datum: float
 
 
 def _data_driven(scene: Scene, metric: str, dataset: Dataset, blocks: Dataset, sampling: float) -> _Point:
-    begin = time.perf_counter()
-    bench = make_bench(scene, metric, dataset, blocks)
-    chosen = bench.projection.metric
-    result = dd.solve(bench.projection, dd.MaterialSearch(dataset, chosen))
-    seconds = time.perf_counter() - begin
+    seconds = np.inf
+    for _ in range(_REPEATS):
+        begin = time.perf_counter()
+        bench = make_bench(scene, metric, dataset, blocks)
+        chosen = bench.projection.metric
+        result = dd.solve(bench.projection, dd.MaterialSearch(dataset, chosen))
+        seconds = min(seconds, time.perf_counter() - begin)
     row = solution_errors(bench.operator, chosen, result, blocks).row(bench.symbol)
     errors = {name: row[name] for name in ("error_mech", "error_mat", "error_mech_all", "error_mat_all")}
     note = f"{result.iterations} iterations, distance {row['distance']:.1%}"
@@ -125,17 +137,20 @@ def _law(
     scene: Scene, name: str, fit: Callable[[Dataset], dd.Law], dataset: Dataset, blocks: Dataset, sampling: float
 ) -> _Point:
     """A law fitted to the data and solved by Newton's method; a fit or solve that fails is a point without errors."""
+    seconds = np.inf
     begin = time.perf_counter()
     try:
-        law = fit(dataset)
-        domain = scene.build(MPI.COMM_SELF)
-        operator = dd.StrainOperator(domain)
-        result = dd.solve_law(operator, law, scene.conditions(domain))
+        for _ in range(_REPEATS):
+            begin = time.perf_counter()
+            law = fit(dataset)
+            domain = scene.build(MPI.COMM_SELF)
+            operator = dd.StrainOperator(domain)
+            result = dd.solve_law(operator, law, scene.conditions(domain))
+            seconds = min(seconds, time.perf_counter() - begin)
     except (ConvergenceError, InputError) as error:
         nothing = dict.fromkeys(("error_mech", "error_mat", "error_mech_all", "error_mat_all"))
         seconds = time.perf_counter() - begin
         return _Point(name, len(dataset), sampling, seconds, **nothing, note=f"failed: {error}")
-    seconds = time.perf_counter() - begin
     assert blocks.midpoint is not None
     solution = dd.BlockStress(
         operator.cell_corners.mean(axis=1), operator.cell_mean(result.mechanical.stress), blocks.stress_measure

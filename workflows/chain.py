@@ -9,7 +9,8 @@ from typing import Any
 
 from tsg_micro.errors import InputError
 from tsg_micro.parameters import CellParameters, check_bar_force
-from workflows.loads import check_load
+from tsg_micro.sampling import BOXES
+from workflows.loads import check_load, check_reach, nominal_component
 from workflows.stages import Stages
 
 __all__ = ["Chain"]
@@ -41,6 +42,11 @@ class Chain:
         for name, value, least in (("paths", self.paths, 1), ("steps", self.steps, 1), ("seed", self.seed, 0)):
             if not least <= value < 2**63:
                 raise InputError(f"{name}: expected at least {least}, got {value}")
+
+    def check_reach(self, load: str) -> None:
+        """Raise InputError where the box of data of this load does not hold the nominal strain."""
+        name, value = nominal_component(load, self.strain)
+        check_reach(name, value, *BOXES[load].ranges[name])
 
     @property
     def elements(self) -> tuple[int, int, int]:

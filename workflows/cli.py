@@ -11,7 +11,20 @@ from typing import Annotated
 import typer
 
 from workflows import cli_scenes, cli_study
-from workflows.options import BarForce, Box, Images, Load, Measure, Out, OutFile, Plots, Strain, report, say
+from workflows.options import (
+    BarForce,
+    Box,
+    Images,
+    Load,
+    Measure,
+    Out,
+    OutFile,
+    OutOrDefault,
+    Plots,
+    Strain,
+    report,
+    say,
+)
 from workflows.ranks import check_alone, leave, under_mpirun
 
 __all__ = ["app", "main"]
@@ -85,7 +98,7 @@ def sample(
 
 @app.command()
 def dns(
-    out: Out = Path("results/dns"),
+    out: OutOrDefault = None,
     blocks: Annotated[tuple[int, int], typer.Option(help="2x2x2-cell blocks along x and y.")] = (30, 15),
     load: Annotated[Load, typer.Option(help="How the top side moves.")] = Load.stretch,
     strain: Strain = 0.05,
@@ -102,6 +115,7 @@ def dns(
     check_alone("dns")
     from workflows.dns import dns as run
 
+    out = out or Path("results") / f"dns-{load.value}"
     summary = run(
         out,
         blocks=blocks,
@@ -211,6 +225,8 @@ app.command()(cli_study.paper)
 def main() -> None:
     """Run the command line; bad input exits with 2, a run that failed with 1, each with one line."""
     logging.captureWarnings(True)
+    # a closed pipe or a kill is no business of PETSc's, which would print a page
+    os.environ["PETSC_OPTIONS"] = f"{os.environ.get('PETSC_OPTIONS', '')} -no_signal_handler".strip()
     try:
         code = app(standalone_mode=False)  # a command returns None; typer turns Ctrl-C into 130
     except Exception as error:

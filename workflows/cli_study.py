@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workflows.options import BarForce, Load, Out, Plots, Strain, report, say
+from workflows.options import BarForce, Load, Out, OutOrDefault, Plots, Strain, report, say
 from workflows.ranks import check_alone
 
 __all__ = ["bench", "paper", "study"]
@@ -39,7 +39,7 @@ def tsgfem(
 @bench.command()
 def frontier(
     load: Annotated[Load | None, typer.Option(help="How the top side moves; both if not given.")] = None,
-    out: Out = Path("results/frontier"),
+    out: OutOrDefault = None,
     blocks: Blocks = (60, 30),
     strain: Strain = 0.05,
     bar_force: BarForce = 1e-8,
@@ -58,14 +58,12 @@ def frontier(
     from workflows.trial import Study
 
     chain = Chain(blocks, strain, bar_force, paths, steps, seed)
-    if load is not None:
-        run(Study(out, load.value, chain, dns, data, say=say), plots=plots)
-    elif dns or data:
+    if load is None and (dns or data):
         raise InputError("load: expected stretch or shear beside --dns or --data, got none")
-    else:
-        for one in Load:
-            run(Study(out / one.value, one.value, chain, say=say), plots=plots)
-    say(f"{'results':24} {out}")
+    for one in Load if load is None else [load]:
+        folder = out / one.value if out and load is None else out or Path("results") / f"frontier-{one.value}"
+        run(Study(folder, one.value, chain, dns, data, say=say), plots=plots)
+        say(f"{'results':24} {folder}")
 
 
 @study.command(name="rve-size")
@@ -119,7 +117,7 @@ def sampling(
 @study.command(name="data-size")
 def data_size(
     load: Annotated[Load, typer.Option(help="How the top side moves.")],
-    out: Out = Path("results/data-size"),
+    out: OutOrDefault = None,
     blocks: Blocks = (60, 30),
     strain: Strain = 0.05,
     bar_force: BarForce = 1e-8,
@@ -138,6 +136,7 @@ def data_size(
     from workflows.study_data_size import data_size as run
     from workflows.trial import Study
 
+    out = out or Path("results") / f"data-size-{load.value}"
     chain = Chain(blocks, strain, bar_force, paths, steps, seed)
     summary = run(Study(out, load.value, chain, dns, data, say=say), count=sizes, draws=draws, plots=plots)
     for name, value in summary["largest"].items():
@@ -148,7 +147,7 @@ def data_size(
 @study.command()
 def causes(
     load: Annotated[Load, typer.Option(help="How the top side moves.")],
-    out: Out = Path("results/causes"),
+    out: OutOrDefault = None,
     blocks: Blocks = (60, 30),
     strain: Strain = 0.05,
     bar_force: BarForce = 1e-8,
@@ -165,6 +164,7 @@ def causes(
     from workflows.study_causes import causes as run
     from workflows.trial import Study
 
+    out = out or Path("results") / f"causes-{load.value}"
     chain = Chain(blocks, strain, bar_force, paths, steps, seed)
     run(Study(out, load.value, chain, dns, data, say=say), plots=plots)
     say(f"{'results':24} {out}")

@@ -17,11 +17,13 @@ from tsg_micro.errors import InputError
 from tsg_micro.mandel import COMPONENTS
 from tsg_micro.sampling import BOXES
 
-__all__ = ["BoxCoverage", "Visited", "box_coverage", "box_strain", "visited_states"]
+__all__ = ["FEWEST", "BoxCoverage", "Visited", "box_coverage", "box_strain", "visited_states"]
 
 Array = NDArray[np.float64]
 _FINE, _CELLS = 201, 10
-_DRAWS, _LEAST = 5, 20
+_DRAWS = 5
+FEWEST = 40
+"""Points that the subsets of growing size need."""
 
 
 @dataclass(frozen=True)
@@ -84,14 +86,12 @@ def box_coverage(points: Array, *, seed: int = 0) -> BoxCoverage:
     Raises:
         InputError: fewer points than subsets of growing size need.
     """
-    if len(points) < 2 * _LEAST:
-        raise InputError(
-            f"data: expected at least {2 * _LEAST} points to tell how they cover the box, got {len(points)}"
-        )
+    if len(points) < FEWEST:
+        raise InputError(f"data: expected at least {FEWEST} points to tell how they cover the box, got {len(points)}")
     fine = np.linspace(0.0, 1.0, _FINE)
     grid = np.stack(np.meshgrid(fine, fine, indexing="ij"), axis=-1).reshape(-1, 2)
     random = np.random.default_rng(seed)
-    sizes = np.unique(np.geomspace(_LEAST, len(points), 8).round().astype(np.int64))
+    sizes = np.unique(np.geomspace(FEWEST // 2, len(points), 8).round().astype(np.int64))
     fill, gap = np.zeros(len(sizes)), np.zeros(len(sizes))
     for k, size in enumerate(sizes):
         draws = _DRAWS if size < len(points) else 1

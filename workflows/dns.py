@@ -67,8 +67,8 @@ def dns(
     summary.json into ``out``.
 
     Every step leaves checkpoint.h5 there, from which the same run goes on if it was cut short; summary.json says
-    after which step, and its times are those of all parts. A run that has finished removes it, so the next one in
-    that folder begins anew; a summary.json that is there belongs to the files beside it.
+    after which step, and its times are those of all parts but for the step that was lost. A run that has finished
+    removes it, so the next one in that folder begins anew; a summary.json that is there belongs to the files beside it.
 
     Raises:
         InputError: an argument is not valid, or the sheet needs more memory than there is.

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tsg_micro.errors import InputError
 
-__all__ = ["LOADS", "SYMBOLS", "check_load", "nominal_strain", "top_displacement"]
+__all__ = ["LOADS", "SYMBOLS", "check_load", "check_reach", "nominal_component", "top_displacement"]
 
 LOADS = {"stretch": 1, "shear": 0}
 """Load to the axis along which the top side moves; its other displacements are zero."""
@@ -34,8 +31,14 @@ def top_displacement(load: str, strain: float, height: float) -> tuple[float, fl
     return (u[0], u[1], u[2])
 
 
-def nominal_strain(load: str, strain: float) -> NDArray[np.float64]:
-    """Tensor (3, 3) of the small strain that the load would cause if it were homogeneous."""
-    H = np.zeros((3, 3))
-    H[LOADS[load], 1] = strain
-    return 0.5 * (H + H.T)
+def nominal_component(load: str, strain: float) -> tuple[str, float]:
+    """Name and value of the tensor component of the small strain that the load would cause if it were homogeneous."""
+    return ("yy", strain) if load == "stretch" else ("xy", 0.5 * strain)
+
+
+def check_reach(name: str, value: float, low: float, high: float) -> None:
+    """Raise InputError where the nominal strain component is outside the range of the data."""
+    if not low <= value <= high:
+        raise InputError(
+            f"strain: expected a nominal eps_{name} within the data's range [{low:.4g}, {high:.4g}], got {value:.4g}"
+        )

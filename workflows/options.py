@@ -9,7 +9,20 @@ from typing import Annotated, Any
 
 import typer
 
-__all__ = ["BarForce", "Box", "Images", "Load", "Measure", "Out", "OutFile", "Plots", "Strain", "report", "say"]
+__all__ = [
+    "BarForce",
+    "Box",
+    "Images",
+    "Load",
+    "Measure",
+    "Out",
+    "OutFile",
+    "OutOrDefault",
+    "Plots",
+    "Strain",
+    "report",
+    "say",
+]
 
 
 class Load(StrEnum):
@@ -45,6 +58,7 @@ class Images(StrEnum):
 
 
 Out = Annotated[Path, typer.Option("--out", help="Output folder.")]
+OutOrDefault = Annotated[Path | None, typer.Option("--out", help="Output folder; one in results if not given.")]
 OutFile = Annotated[Path, typer.Option("--out", help="Output file, .h5.")]
 BarForce = Annotated[float, typer.Option(help="Compression of the bars at rest, f_b, in N.")]
 Strain = Annotated[float, typer.Option(help="Displacement of the top side over the height of the sheet.")]

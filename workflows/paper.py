@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from tsg_micro.errors import InputError
 from tsg_micro.files import atomic_path, output_folder
 from workflows.chain import Chain
+from workflows.coverage import FEWEST
 from workflows.loads import LOADS
 from workflows.record import write_summary
 from workflows.stages import Stages
@@ -49,8 +50,10 @@ def paper(
     from workflows.study_sampling import study_sampling
     from workflows.trial import Study
 
+    for load in LOADS:
+        chain.check_reach(load)
     for name, value, least in (
-        ("paths * steps", chain.paths * chain.steps, 40),
+        ("paths * steps", chain.paths * chain.steps, FEWEST),
         ("largest", largest, 2),
         ("sizes", sizes, 2),
         ("draws", draws, 1),

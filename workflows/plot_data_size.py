@@ -19,7 +19,7 @@ _MECHANICAL, _MATERIAL = "#20639b", "#c8553d"
 
 
 def plot_data_size(summary: Mapping[str, Any]) -> Figure:
-    """(a) error of p or q of both solutions, (b) normalised distance; means of the draws and one standard deviation."""
+    """(a) error of p or q of both solutions, (b) normalised distance; means of the draws, least to largest as bands."""
     symbol, sizes = summary["symbol"], summary["sizes"]
     with mpl.rc_context(STYLE):
         figure = new_figure(13, 5.4)
@@ -31,7 +31,7 @@ def plot_data_size(summary: Mapping[str, Any]) -> Figure:
             _band(left, sizes, summary[name], f"{label}, outer blocks left out", colour, "o-")
             _band(left, sizes, summary[f"{name}_all"], f"{label}, all blocks", colour, "s:")
         left.set_ylabel(rf"error of ${symbol}$ / %")
-        left.set_title(f"(a) relative error of ${symbol}$ against the full tensegrity")
+        left.set_title(f"(a) error of ${symbol}$ against the {summary['reference']}")
         _band(right, sizes, summary["distance"], "outer blocks left out", _MECHANICAL, "o-")
         _band(right, sizes, summary["distance_all"], "all blocks", _MATERIAL, "s-")
         for name, colour in (("distance", _MECHANICAL), ("distance_all", _MATERIAL)):
@@ -54,6 +54,6 @@ def plot_data_size(summary: Mapping[str, Any]) -> Figure:
 
 
 def _band(axes: Axes, sizes: list[int], values: Mapping[str, Any], label: str, colour: str, style: str) -> None:
-    mean, std = 100 * np.asarray(values["mean"]), 100 * np.asarray(values["std"])
+    mean, low, high = (100 * np.asarray(values[name]) for name in ("mean", "smallest", "largest"))
     axes.plot(sizes, mean, style, color=colour, markersize=4, label=label)
-    axes.fill_between(sizes, np.maximum(mean - std, 0.2 * mean), mean + std, color=colour, alpha=0.15, linewidth=0)
+    axes.fill_between(sizes, low, high, color=colour, alpha=0.15, linewidth=0)

@@ -7,7 +7,7 @@ from typing import Any
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullLocator
+from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
 from tsg_micro.plot import STYLE, new_figure, save_figure
 
@@ -17,9 +17,7 @@ _COLOURS = ("#20639b", "#3caea3", "#7a5195", "#c8553d", "#ed9b40", "#8c6d31", "#
 _MARKERS = "osDv^P*X"
 
 
-def plot_frontier(
-    rows: Sequence[Mapping[str, Any]], dns_seconds: float, symbol: str, machine: Mapping[str, Any]
-) -> Figure:
+def plot_frontier(rows: Sequence[Mapping[str, Any]], dns_seconds: float, summary: Mapping[str, Any]) -> Figure:
     """Errors of p or q, outer blocks left out; numbers at the points: data; dashed line: the full tensegrity."""
     methods = list(dict.fromkeys(row["method"] for row in rows))
     panels = (("time of the solve / s", 0.0), ("time of sampling and solve / s", 1.0))
@@ -40,19 +38,21 @@ def plot_frontier(
                     axes.annotate(
                         f"{row['data']}", (x, y), (3, 4), textcoords="offset points", fontsize=8, color=colour
                     )
-            axes.axvline(dns_seconds, color="0.3", linestyle="--", label=f"full tensegrity, {dns_seconds:.0f} s")
+            axes.axvline(dns_seconds, color="0.3", linestyle="--", label=f"{summary['reference']}, {dns_seconds:.3g} s")
             axes.set_xscale("log")
             axes.set_yscale("log")
             axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             axes.yaxis.set_minor_locator(NullLocator())
             axes.yaxis.set_major_formatter("{x:g}")
             axes.xaxis.set_major_formatter("{x:g}")
+            axes.xaxis.set_minor_formatter(NullFormatter())
             axes.grid(alpha=0.3)
             axes.set_xlabel(label)
         left = figure.axes[0]
-        left.set_ylabel(rf"error of ${symbol}$ / %")
+        left.set_ylabel(rf"error of ${summary['symbol']}$ / %")
         left.plot([], [], "k:", fillstyle="none", marker="o", linewidth=0.8, label="the same, material solution")
         handles, labels = left.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper center", ncols=4, fontsize=10)
+        machine = summary["machine"]
         figure.axes[1].set_title(f"{machine['processor']}, {machine['cores']} cores", fontsize=9, loc="right")
     return figure

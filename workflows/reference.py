@@ -13,7 +13,7 @@ from tsg_micro.dataset import Dataset, convert_dataset, read_dataset
 from tsg_micro.errors import InputError
 from workflows.record import read_summary
 
-__all__ = ["SCENE", "Errors", "check_same_scene", "read_blocks", "solution_errors"]
+__all__ = ["SCENE", "Errors", "check_same_scene", "describe", "read_blocks", "solution_errors"]
 
 SCENE = ("load", "strain", "bar_force")
 """Parameters that a data-driven run and its reference have in common."""
@@ -48,6 +48,11 @@ def check_same_scene(parameters: dict[str, Any], dns: Path, whose: str) -> None:
         a, b = parameters.get(name), reference.get(name)
         if a != b and not (name == "bar_force" and a is None):  # None: of joined or measured data
             raise InputError(f"{name}: expected the same in both runs, got {a} in {whose} and {b} in {dns}")
+
+
+def describe(dns: dict[str, Any]) -> str:
+    """The reference in words, from the summary of its run: a sheet held flat need not be a stable one."""
+    return "full tensegrity" + (", held flat" if dns["parameters"].get("flat") else "")
 
 
 def read_blocks(dns: Path, measure: str) -> Dataset:

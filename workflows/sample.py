@@ -26,7 +26,7 @@ from tsg_micro.rve import RVE, build_rve
 from tsg_micro.sampling import BOXES, PathData, StrainBox, join_paths, sample_paths
 from tsg_micro.stress import check_measure
 from workflows.ranks import world
-from workflows.record import versions, write_summary
+from workflows.record import read_summary, versions, write_summary
 
 __all__ = ["sample"]
 
@@ -125,7 +125,9 @@ def sample(
     dataset = convert_dataset(join_paths(done, seed=seed, parameters=parameters, versions=versions()), stress_measure)
     failures = sorted(data.failure for data in done if data.failure)
     stored = dataset
+    before: float | None = 0.0
     if append:
+        before = _seconds_before(out)
         stored = append_dataset(out, dataset)
     else:
         write_dataset(out, stored)
@@ -142,6 +144,7 @@ def sample(
             "negative_pivots": (max(data.negative_pivots for data in done), ""),
             "processes": (size if comm is not None else processes, ""),
             "seconds": (seconds, "s"),
+            "seconds_in_file": (None if before is None else before + seconds, "s"),
             "seconds_per_point": (seconds / len(dataset), "s"),
         },
     )
@@ -153,6 +156,16 @@ def sample(
     if comm is not None:
         comm.bcast(summary)
     return summary
+
+
+def _seconds_before(out: Path) -> float | None:
+    """Time that the data in the file took, 0 for no file; None where its summary is not there or does not say."""
+    if not out.exists():
+        return 0.0
+    try:
+        return read_summary(out, "sample").get("seconds_in_file")
+    except InputError:
+        return None
 
 
 def _check_append(out: Path, plan: Plan, stress_measure: str) -> None:

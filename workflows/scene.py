@@ -11,8 +11,8 @@ from mpi4py import MPI
 import dd_macro as dd
 from tsg_micro.dataset import Dataset, convert_dataset, read_dataset
 from tsg_micro.errors import InputError
-from tsg_micro.mandel import COMPONENTS, to_mandel
-from workflows.loads import check_load, nominal_strain, top_displacement
+from tsg_micro.mandel import from_mandel
+from workflows.loads import check_load, check_reach, nominal_component, top_displacement
 
 __all__ = ["BLOCK", "METRICS", "Scene", "check_metric", "make_metric", "read_material"]
 
@@ -77,13 +77,7 @@ def read_material(data: Path, scene: Scene, stress_measure: str | None = None) -
     """The data in the measure asked for; InputError where they do not reach the nominal strain of the scene."""
     dataset = read_dataset(data)
     dataset = convert_dataset(dataset, stress_measure or dataset.stress_measure)
-    wanted = to_mandel(nominal_strain(scene.load, scene.strain))
-    k = int(np.abs(wanted).argmax())
-    low, high = dataset.strain[:, k].min(), dataset.strain[:, k].max()
-    if not low <= wanted[k] <= high:
-        scale = 1.0 if k < 3 else np.sqrt(2.0)
-        raise InputError(
-            f"strain: expected a nominal eps_{COMPONENTS[k]} within the data's range "
-            f"[{low / scale:.4g}, {high / scale:.4g}], got {wanted[k] / scale:.4g}"
-        )
+    name, wanted = nominal_component(scene.load, scene.strain)
+    values = from_mandel(dataset.strain)[:, "xyz".index(name[0]), "xyz".index(name[1])]
+    check_reach(name, wanted, float(values.min()), float(values.max()))
     return dataset

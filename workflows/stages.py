@@ -13,6 +13,8 @@ from workflows.checkpoint import fingerprint
 __all__ = ["Stages"]
 
 _MARK = "stage.json"
+_UNFINISHED = ("checkpoint.h5", "solves.csv")
+"""Files from which a run that was cut short goes on."""
 
 
 class Stages:
@@ -45,15 +47,21 @@ class Stages:
             self.say(f"== {name}: there already")
             return folder
         self.say(f"== {name}")
+        output_folder(folder)
         mark.unlink(missing_ok=True)
-        action(output_folder(folder))
-        files = {
-            str(path.relative_to(folder)): path.stat().st_size for path in sorted(folder.rglob("*")) if path.is_file()
-        }
+        for path in _files(folder):  # of another run, or left by a kill in the middle of a write
+            if path.name not in _UNFINISHED:
+                path.unlink()
+        action(folder)
+        files = {str(path.relative_to(folder)): path.stat().st_size for path in _files(folder)}
         with atomic_path(mark) as temporary:
             temporary.write_text(json.dumps({"hash": run, "files": files}, indent=2) + "\n")
         self.ran.append(name)
         return folder
+
+
+def _files(folder: Path) -> list[Path]:
+    return [path for path in sorted(folder.rglob("*")) if path.is_file()]
 
 
 def _valid(mark: Path, run: str) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,20 @@ from workflows.trial import Inputs, Study, make_bench
 
 __all__ = ["causes"]
 
-_SHOWN = ("error_mech", "error_mat", "error_mech_all", "error_mat_all", "distance", "distance_all")
+_OWN = ("distance", "error_mech", "error_mat")
+_AS_IT_IS, _FEW = "nothing changed", "a tenth of them"
+
+
+@dataclass(frozen=True)
+class _Change:
+    """One solve: what is changed, and the solve that it is to be held against."""
+
+    cause: str
+    change: str
+    material: Dataset
+    dns: Path
+    metric: dd.Metric | str = "auto"
+    against: str = _AS_IT_IS
 
 
 def causes(study: Study, *, plots: bool = True) -> dict[str, Any]:
@@ -32,20 +45,23 @@ def causes(study: Study, *, plots: bool = True) -> dict[str, Any]:
     out, load = output_folder(study.out), study.load
     found = study.prepare()
     rows: list[dict[str, Any]] = []
-    for cause, change, metric, material, folder in _changes(study, found):
-        blocks = read_blocks(folder, material.stress_measure)
-        bench = make_bench(found.scene, metric, material, blocks)
-        row, _ = bench.solve(material)
+    for change in _changes(study, found):
+        blocks = read_blocks(change.dns, change.material.stress_measure)
+        bench = make_bench(found.scene, change.metric, change.material, blocks)
+        row, _ = bench.solve(change.material)
         own, _ = bench.solve(blocks)
-        rows.append({"cause": cause, "change": change, "data": len(material), **row, "own_distance": own["distance"]})
-        rows[-1]["own_error_mech"], rows[-1]["own_error_mat"] = own["error_mech"], own["error_mat"]
+        named = {"cause": change.cause, "change": change.change, "against": change.against}
+        rows.append(named | {"data": len(change.material)} | row | {f"own_{name}": own[name] for name in _OWN})
         study.say(
-            f"{cause:16} {change:40} error of {SYMBOLS[load]}: mechanical {row['error_mech']:6.1%}, material "
-            f"{row['error_mat']:6.1%}; distance {row['distance']:5.1%}, tensegrity's own data {own['distance']:5.1%}"
+            f"{change.cause:14} {change.change:42} error of {SYMBOLS[load]}: mechanical {row['error_mech']:6.1%}, "
+            f"material {row['error_mat']:6.1%}; distance {row['distance']:5.1%}, own data {own['distance']:5.1%}"
         )
     write_table(out / "causes.csv", rows)
-    base = rows[0]
-    worst = {name: max(rows[1:], key=lambda row: abs(row[name] - base[name])) for name in ("error_mech", "error_mat")}
+    base = {row["change"]: row for row in rows}
+    drops = {
+        name: max(((base[row["against"]][name] - row[name], row) for row in rows[1:]), key=lambda found: found[0])
+        for name in ("error_mech", "error_mat")
+    }
     summary = write_summary(
         out,
         command="study causes",
@@ -53,7 +69,10 @@ def causes(study: Study, *, plots: bool = True) -> dict[str, Any]:
         figures={
             "symbol": (SYMBOLS[load], ""),
             "rows": (rows, ""),
-            "largest_change": ({name: f"{row['cause']}: {row['change']}" for name, row in worst.items()}, ""),
+            "largest_drop": (
+                {name: {"by": by, "change": f"{row['cause']}: {row['change']}"} for name, (by, row) in drops.items()},
+                "1",
+            ),
         },
     )
     if plots:
@@ -63,33 +82,29 @@ def causes(study: Study, *, plots: bool = True) -> dict[str, Any]:
     return summary
 
 
-def _changes(study: Study, found: Inputs) -> Iterator[tuple[str, str, dd.Metric | str, Dataset, Path]]:
-    """Cause, change, metric, data and reference of every solve; the first one is that of all other studies."""
-    chain, load, dataset, flat = study.chain, study.load, found.dataset, found.dns
+def _changes(study: Study, found: Inputs) -> Iterator[_Change]:
+    """The solves; the first one is that of all other studies."""
+    chain, load, dataset, dns = study.chain, study.load, found.dataset, found.dns
     free = chain.dns(found.stages, load, study.say, flat=False)
-    yield "as it is", f"{len(dataset)} data of the box {load}", "auto", dataset, flat
-    yield "reference", "the sheet may leave its plane", "auto", dataset, free
+    box = dataset.parameters.get("load", "unknown")
+    yield _Change(f"box {box}", _AS_IT_IS, dataset, dns)
+    yield _Change("reference", "the sheet may leave its plane", dataset, free)
     mean = dd.metric_from_dataset(dataset)
     for factor in (0.1, 0.3, 3.0, 10.0):
-        yield (
-            "metric",
-            f"{factor:g} times as stiff",
-            dd.Metric(factor * mean.C, f"{factor:g} {mean.reason}"),
-            dataset,
-            flat,
-        )
-    for name, text in (("visited", "mean tangent where the scene is"), ("secant", "secant modulus")):
-        yield "metric", text, name, dataset, flat
+        stiffer = dd.Metric(factor * mean.C, f"{factor:g} times the {mean.reason}")
+        yield _Change("metric", f"{factor:g} times as stiff", dataset, dns, stiffer)
+    yield _Change("metric", "mean tangent where the scene is", dataset, dns, "visited")
+    yield _Change("metric", "secant modulus", dataset, dns, "secant")
     for measure in ("second_piola", "kirchhoff", "cauchy"):
-        yield "stress measure", measure.replace("_", " "), "auto", convert_dataset(dataset, measure), flat
+        yield _Change("stress", measure.replace("_", " "), convert_dataset(dataset, measure), dns)
 
     def sampled(name: str, box: str = load, factor: float = 1.0, **more: Any) -> Dataset:
         many = replace(chain, paths=max(1, round(factor * chain.paths)))
         return convert_dataset(read_dataset(many.data(found.stages, box, name, **more)), dataset.stress_measure)
 
-    yield "data", "a tenth of them", "auto", sampled(f"data-{load}-few", factor=0.1), flat
-    yield "data", "box inplane", "auto", sampled("data-inplane", "inplane"), flat
-    yield "data", "box inplane, four times as many", "auto", sampled("data-inplane-many", "inplane", 4.0), flat
+    yield _Change("data", _FEW, sampled(f"data-{load}-few", factor=0.1), dns)
+    yield _Change("data", "box inplane", sampled("data-inplane", "inplane"), dns)
+    yield _Change("data", "box inplane, four times as many", sampled("data-inplane-many", "inplane", 4.0), dns)
     for n in (1, 3):
         twice = sampled(f"data-{load}-duplicated-{n}", factor=0.1, images="duplicated", blocks=(n, n, 1))
-        yield "RVE", f"images twice, {n} x {n}, a tenth of data", "auto", twice, flat
+        yield _Change("RVE", f"images twice, {n} x {n} blocks, {_FEW}", twice, dns, against=_FEW)

@@ -16,8 +16,8 @@ from tsg_micro.errors import InputError
 from tsg_micro.files import output_folder
 from workflows.checkpoint import fingerprint
 from workflows.loads import SYMBOLS
-from workflows.record import write_summary, write_table
-from workflows.reference import read_blocks
+from workflows.record import read_summary, write_summary, write_table
+from workflows.reference import describe, read_blocks
 from workflows.trial import Bench, Row, Study, make_bench
 
 __all__ = ["FIGURES", "data_size", "sizes_of"]
@@ -35,6 +35,8 @@ def sizes_of(points: int, count: int) -> list[int]:
 
 def data_size(study: Study, *, count: int = 16, draws: int = 10, plots: bool = True) -> dict[str, Any]:
     """Solve with ``draws`` random draws of ``count`` numbers of data each, and with the tensegrity's own block states.
+
+    The largest number is that of all data, of which there is one draw.
 
     All solves have one mesh, one metric (from all data) and one factorised matrix, and start from the elastic
     solution. solves.csv has every solve, and a run that was cut short goes on from there.
@@ -57,12 +59,19 @@ def data_size(study: Study, *, count: int = 16, draws: int = 10, plots: bool = T
 
     sizes = sizes_of(len(dataset), count)
     run = fingerprint(
-        {"metric": metric.C, "sizes": sizes, "data": dataset.stress, "blocks": blocks.stress, "load": load}
+        {
+            "scene": {"load": load, **study.chain.parameters()},
+            "metric": metric.C,
+            "sizes": sizes,
+            "data": [dataset.strain, dataset.stress],
+            "blocks": blocks.stress,
+        }
     )
     rows = _draws(bench, dataset, sizes, draws, (out / "solves.csv", run), say)
     consistent, _ = bench.solve(blocks)
     restart = _restart(bench, dataset, sizes, rows)
-    table = {name: np.array([[row[name] for row in rows if row["size"] == size] for size in sizes]) for name in FIGURES}
+    table = {name: [np.array([row[name] for row in rows if row["size"] == size]) for size in sizes] for name in FIGURES}
+    means = {name: np.array([v.mean() for v in values]) for name, values in table.items()}
     seconds = {name: sum(row[name] for row in rows) for name in ("seconds", "seconds_search", "seconds_linear_solves")}
     summary = write_summary(
         out,
@@ -70,12 +79,13 @@ def data_size(study: Study, *, count: int = 16, draws: int = 10, plots: bool = T
         parameters={**study.parameters(found), "count": count, "draws": draws},
         figures={
             "symbol": (SYMBOLS[load], ""),
+            "reference": (describe(read_summary(found.dns, "dns")), ""),
             "sizes": (sizes, ""),
-            **{name: ({"mean": v.mean(axis=1), "std": v.std(axis=1)}, "1") for name, v in table.items()},
-            "largest": ({name: float(v[-1].mean()) for name, v in table.items()}, "1"),
+            **{name: ({"mean": means[name]} | _spread(values), "1") for name, values in table.items()},
+            "largest": ({name: float(mean[-1]) for name, mean in means.items()}, "1"),
             "self_consistent": ({name: consistent[name] for name in FIGURES}, "1"),
-            "rises": ({name: int((np.diff(v.mean(axis=1)) > 0).sum()) for name, v in table.items()}, ""),
-            "largest_rise": ({name: max(0.0, float(np.diff(v.mean(axis=1)).max())) for name, v in table.items()}, "1"),
+            "rises": ({name: int((np.diff(mean) > 0).sum()) for name, mean in means.items()}, ""),
+            "largest_rise": ({name: max(0.0, float(np.diff(mean).max())) for name, mean in means.items()}, "1"),
             "restart": (restart, ""),
             "solves": (len(rows), ""),
             "metric": (metric.C, "Pa"),
@@ -97,20 +107,20 @@ def _draws(
 ) -> list[Row]:
     """A row for every solve. A draw is a random order of the data, of which each size takes the first ones."""
     file, run = record
-    rows = _read(file, run)
+    rows = _read(file, run, sizes)
     there = {int(row["draw"]) for row in rows}
     if there:
         say(f"{len(there)} of {draws} draws are in {file.name} already")
     for draw in sorted(set(range(draws)) - there):
         order = np.random.default_rng([draw, len(dataset)]).permutation(len(dataset))
-        for size in sizes:
+        for size in sizes if draw == 0 else sizes[:-1]:
             row, _ = bench.solve(take(dataset, order[:size]))
             rows.append({"draw": draw, "size": size, **row})
         last = rows[-1]
         write_table(file, rows, f"run {run}")
         say(
-            f"draw {draw + 1} of {draws}: error of {bench.symbol} {last['error_mech']:.1%} mechanical, "
-            f"{last['error_mat']:.1%} material"
+            f"draw {draw + 1} of {draws}: error of {bench.symbol} with {last['size']} data {last['error_mech']:.1%} "
+            f"mechanical, {last['error_mat']:.1%} material"
         )
     return [row for row in rows if row["draw"] < draws]
 
@@ -133,12 +143,27 @@ def _restart(bench: Bench, dataset: Dataset, sizes: list[int], rows: list[Row]) 
     }
 
 
-def _read(file: Path, run: str) -> list[Row]:
-    """The rows of an earlier part of the same run; none where there are none, or of another run."""
+def _spread(values: list[Array]) -> dict[str, list[float | None]]:
+    """Standard deviation of the draws (None of a single one), smallest and largest, for every size."""
+    return {
+        "std": [float(v.std(ddof=1)) if len(v) > 1 else None for v in values],
+        "smallest": [float(v.min()) for v in values],
+        "largest": [float(v.max()) for v in values],
+    }
+
+
+def _read(file: Path, run: str, sizes: list[int]) -> list[Row]:
+    """The rows of an earlier part of the same run, of whole draws only; none where there are none."""
     try:
         with file.open(newline="") as stream:
             if stream.readline() != f"# run {run}\n":
                 return []
-            return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(stream)]
+            rows = [{name: float(value) for name, value in row.items()} for row in csv.DictReader(stream)]
     except (OSError, ValueError, TypeError):
         return []
+    whole = []
+    for draw in sorted({row.get("draw", -1.0) for row in rows}):
+        own = [row for row in rows if row.get("draw") == draw and np.isfinite(list(row.values())).all()]
+        if [row.get("size") for row in own] == (sizes if draw == 0 else sizes[:-1]):
+            whole += own
+    return whole

@@ -19,7 +19,7 @@ from tsg_micro.errors import InputError
 from tsg_micro.files import output_folder
 from tsg_micro.mandel import COMPONENTS, pressure, von_mises
 from tsg_micro.sampling import BOXES
-from workflows.coverage import box_coverage, box_strain, visited_states
+from workflows.coverage import FEWEST, box_coverage, box_strain, visited_states
 from workflows.loads import LOADS
 from workflows.record import peak_memory, read_summary, write_summary
 from workflows.sample import Plan, sample
@@ -69,6 +69,9 @@ def study_sampling(
         if load not in LOADS or (sampled in LOADS and sampled != load):
             wanted = " or ".join(LOADS) if load not in LOADS else load
             raise InputError(f"load: expected {wanted}, the data in {data} were sampled for {sampled!r}")
+    points = paths * steps if given is None else len(given)
+    if points < FEWEST:
+        raise InputError(f"data: expected at least {FEWEST} points to tell how they cover the box, got {points}")
     loads = [load] if load else list(LOADS)
     if solved is not None and solved["parameters"]["load"] != load:
         raise InputError(f"dd: expected a solution under {load}, got {solved['parameters']['load']} in {dd}")
@@ -97,12 +100,13 @@ def study_sampling(
             "load": load,
             "data": data,
             "dd": dd,
-            "paths": paths,
-            "steps": steps,
-            "bar_force": bar_force,
-            "seed": seed,
-            "elements": elements,
-            "strain": STRAIN,
+            **(
+                {"paths": paths, "steps": steps, "bar_force": bar_force, "seed": seed}
+                if given is None
+                else {name: given.parameters.get(name) for name in ("paths", "steps", "bar_force", "seed")}
+            ),
+            "elements": (*elements, 1) if solved is None else solved["parameters"]["elements"],
+            "strain": STRAIN if solved is None else solved["parameters"]["strain"],
         },
         figures={
             "loads": (loads, ""),

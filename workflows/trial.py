@@ -11,8 +11,10 @@ from mpi4py import MPI
 
 import dd_macro as dd
 from tsg_micro.dataset import Dataset
+from tsg_micro.errors import InputError
 from workflows.chain import Chain
 from workflows.loads import SYMBOLS, check_load
+from workflows.record import read_summary
 from workflows.reference import check_same_scene, solution_errors
 from workflows.scene import Scene, make_metric, read_material
 from workflows.stages import Stages
@@ -43,7 +45,7 @@ class Study:
     which are in ``out`` if None.
 
     Raises:
-        InputError: on construction, where the load or the strain is not valid.
+        InputError: on construction, where the load or the strain is not valid, or beyond the data to be sampled.
     """
 
     out: Path
@@ -56,6 +58,8 @@ class Study:
 
     def __post_init__(self) -> None:
         check_load(self.load, self.chain.strain)
+        if self.data is None:
+            self.chain.check_reach(self.load)
 
     def prepare(self) -> Inputs:
         """Run what is not there, read what is.
@@ -65,15 +69,33 @@ class Study:
             ConvergenceError: a solver did not converge.
         """
         chain, load = self.chain, self.load
+        scene = Scene(load, chain.strain, elements=chain.elements)
+        dataset = (
+            None if self.data is None else self._read(self.data, scene)
+        )  # what is given comes first: it may be bad
+        if self.dns is not None:
+            self._check_reference(self.dns)
         stages = self.stages or Stages(self.out, self.say)
         dns = self.dns or chain.dns(stages, load, self.say)
         data = self.data or chain.data(stages, load)
-        scene = Scene(load, chain.strain, elements=chain.elements)
+        return Inputs(stages, dns, data, dataset or self._read(data, scene), scene)
+
+    def _read(self, data: Path, scene: Scene) -> Dataset:
         dataset = read_material(data, scene)
-        same = {"load": load, "strain": chain.strain}
-        check_same_scene({**same, "bar_force": chain.bar_force}, dns, "the study")
-        check_same_scene({**same, "bar_force": dataset.parameters.get("bar_force")}, dns, str(data))
-        return Inputs(stages, dns, data, dataset, scene)
+        sampled, force = dataset.parameters.get("load"), dataset.parameters.get("bar_force")
+        if sampled in SYMBOLS and sampled != self.load:
+            raise InputError(f"data: expected data for {self.load}, those in {data} were sampled for {sampled}")
+        if force not in (None, self.chain.bar_force):  # None: of joined or measured data
+            raise InputError(f"bar_force: expected {self.chain.bar_force:g} N in {data}, got {force:g} N")
+        return dataset
+
+    def _check_reference(self, dns: Path) -> None:
+        chain = self.chain
+        scene = {"load": self.load, "strain": chain.strain, "bar_force": chain.bar_force}
+        check_same_scene(scene, dns, "the study")
+        blocks = tuple(read_summary(dns, "dns")["parameters"].get("blocks", ()))
+        if blocks != tuple(chain.blocks):
+            raise InputError(f"blocks: expected those of the run in {dns}, {blocks}, got {tuple(chain.blocks)}")
 
     def parameters(self, found: Inputs) -> dict[str, object]:
         """For the summary."""

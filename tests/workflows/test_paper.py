@@ -65,9 +65,15 @@ def test_a_stage_that_fails_is_not_there(tmp_path):
 
     with pytest.raises(InputError):
         Stages(tmp_path).run("one", {}, fail)
+    (tmp_path / "one" / "checkpoint.h5").write_text("kept")
+    (tmp_path / "one" / ".p-12345678.png").write_text("")  # what a kill in the middle of a write leaves
     runs: list[Path] = []
     Stages(tmp_path).run("one", {}, runs.append)
     assert len(runs) == 1
+    assert sorted(path.name for path in (tmp_path / "one").iterdir()) == ["checkpoint.h5", "stage.json"]
+    (tmp_path / "two").write_text("a file")
+    with pytest.raises(InputError, match="two"):
+        Stages(tmp_path).run("two", {}, runs.append)
 
 
 def test_sizes_span_three_decades():
@@ -99,7 +105,7 @@ def test_all_data_give_what_solve_and_compare_give(study, chain, tsgdd, read_sum
     for ours, theirs in (("error_mech", "error_p_mech"), ("error_mat", "error_p_mat")):
         assert summary["largest"][ours] == pytest.approx(compared[theirs]["l2"], rel=1e-9)
         assert summary["largest"][f"{ours}_all"] == pytest.approx(compared[theirs]["l2_all"], rel=1e-9)
-        assert summary[ours]["std"][-1] == pytest.approx(0.0, abs=1e-12)  # every draw of all data is all data
+        assert summary[ours]["std"][-1] is None  # there is one draw of all data
     assert summary["largest"]["distance_all"] == pytest.approx(solved["normalised_distance"], rel=1e-9)
     assert not compared["dns_buckled"]
 
@@ -112,10 +118,11 @@ def test_more_data_are_closer_and_the_tensegritys_own_are_closest(study):
     with (out / "solves.csv").open() as stream:
         assert stream.readline().startswith("# run ")
         rows = list(csv.DictReader(stream))
-    assert summary["solves"] == len(rows) == 3 * len(summary["sizes"])
+    assert summary["solves"] == len(rows) == 3 * (len(summary["sizes"]) - 1) + 1
     first = [float(row["distance_all"]) for row in rows if float(row["size"]) == summary["sizes"][0]]
     assert np.mean(first) == pytest.approx(distance[0], rel=1e-12)
     assert len(set(first)) == 3  # draws differ
+    assert summary["distance_all"]["std"][0] == pytest.approx(np.std(first, ddof=1), rel=1e-12)
 
 
 def test_a_study_goes_on_after_its_last_draw(study, chain, tmp_path):
@@ -127,6 +134,9 @@ def test_a_study_goes_on_after_its_last_draw(study, chain, tmp_path):
     for name in ("error_mech", "distance_all"):
         np.testing.assert_allclose(again[name]["mean"], summary[name]["mean"], rtol=1e-9)
     assert (tmp_path / "solves.csv").read_text().count("123.0") == 3
+    (tmp_path / "solves.csv").write_text("".join(lines[:2] + kept[:-1]))  # half a draw counts for nothing
+    run_study(chain, tmp_path, draws=1)
+    assert "123.0" not in (tmp_path / "solves.csv").read_text()
     (tmp_path / "solves.csv").write_text("".join(["# run another\n", *lines[1:2], *kept]))
     run_study(chain, tmp_path, draws=1)
     assert "123.0" not in (tmp_path / "solves.csv").read_text()
@@ -143,6 +153,9 @@ def test_a_study_goes_on_after_its_last_draw(study, chain, tmp_path):
         (("bench", "frontier", "--dns", "nowhere"), "load: expected stretch or shear"),
         (("paper", "--paths", 2, "--steps", 3), "paths * steps: expected at least 40, got 6"),
         (("paper", "--strain", 2), "strain: expected"),
+        (("paper", "--strain", 0.09), "eps_yy within"),
+        (("study", "sampling", "--paths", 3, "--steps", 10), "at least 40 points"),
+        (("study", "rve-size", "--largest", 21), "largest: expected 2"),
     ],
 )
 def test_bad_input_is_one_line(arguments, text, tsgdd, tmp_path):
@@ -162,7 +175,12 @@ def test_reference_of_another_scene_is_refused(chain, tsgdd, tmp_path):
     wider = ("--dns", chain.dns, "--data", chain.data, "--blocks", 5, 4, "--out", tmp_path)
     done = tsgdd("study", "data-size", "--load", "stretch", "--strain", 0.04, *wider)
     assert done.code == 2
-    assert "expected the same grid" in done.err
+    assert "blocks: expected those of the run in" in done.err
+    swapped = ("--load", "shear", "--strain", 0.04, "--blocks", 4, 4, "--data", chain.data, "--out", tmp_path / "new")
+    done = tsgdd("study", "data-size", *swapped, "--dns", chain.dns)
+    assert done.code == 2
+    assert "load: expected the same" in done.err
+    assert not (tmp_path / "new" / "dns-shear").exists()
 
 
 def test_flat_sheet_needs_no_force_to_stay_flat(tsgdd, read_summary, tmp_path):
@@ -198,8 +216,8 @@ def test_killed_paper_goes_on_and_reports(program, tsgdd, read_summary, is_png, 
     report = (tmp_path / "report.md").read_text()
     for figure in (line.split("](")[1][:-1] for line in report.splitlines() if line.startswith("![")):
         assert is_png(tmp_path / figure)
-    assert report.count("| stretch: ") == report.count("| shear: ") == 11
-    assert all(row["command"].startswith(("tsgdd ", "the three")) for row in summary["table"])
+    assert report.count("| stretch: ") == report.count("| shear: ") == 13
+    assert all(row["command"].startswith("tsgdd ") for row in summary["table"])
     assert "nan" not in report
 
     causes = read_summary(tmp_path / "causes-shear")["rows"]

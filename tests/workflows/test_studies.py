@@ -131,12 +131,12 @@ def test_buckling_that_is_found_lowers_the_energy(sizes, read_summary):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("rve-size", "--largest", 0), "largest: expected at least 2"),
+        (("rve-size", "--largest", 0), "largest: expected 2"),
         (("rve-size", "--bar-force", -1e-9), "bar_force: expected positive"),
         (("rve-size", "--bar-force", 1e-9, "--bar-force", 1e-9), "bar_force: expected different forces"),
         (("sampling", "--data", "missing.h5"), "missing.h5: no such file"),
         (("sampling", "--dd", "missing"), "missing: expected a folder made by 'tsgdd solve'"),
-        (("sampling", "--paths", 0), "paths: expected at least 1"),
+        (("sampling", "--paths", 0), "expected at least 40 points"),
         (("sampling", "--bar-force", 0), "bar_force: expected positive"),
         (("sampling", "--elements", 0, 3), "elements: expected at least 1"),
         (("sampling", "--load", "twist"), "twist"),
