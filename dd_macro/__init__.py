@@ -7,6 +7,7 @@ from dd_macro import compat  # noqa: F401  (first: it decides how DOLFINx is imp
 from dd_macro.boundary import Displacement, Traction
 from dd_macro.compare import BlockStress, Comparison, FieldError, compare_blocks, interior_blocks
 from dd_macro.compat import KernelError
+from dd_macro.estimated import estimate_tangents
 from dd_macro.fitting import fit_linear, fit_polynomial, mirrors_of
 from dd_macro.laws import FitReport, Law, LinearLaw, PolynomialEnergy
 from dd_macro.mesh import SIDES, TaggedMesh, box, read_msh
@@ -15,8 +16,10 @@ from dd_macro.output import QuadratureFields, read_quadrature, write_quadrature
 from dd_macro.projection import MechanicalState, Projection
 from dd_macro.reference import NewtonIteration, ReferenceOptions, ReferenceResult, solve_law
 from dd_macro.search import MaterialSearch
+from dd_macro.second_order import SecondOrderOptions, SecondOrderResult, solve_second_order
 from dd_macro.solver import DataDrivenResult, Iteration, SolverOptions, solve
 from dd_macro.spaces import StrainOperator, TangentMatrix
+from dd_macro.tangent_search import TangentSearch
 from dd_macro.visited import visited_tangent
 from dd_macro.vtkhdf import write_vtkhdf
 
@@ -41,13 +44,17 @@ __all__ = [
     "QuadratureFields",
     "ReferenceOptions",
     "ReferenceResult",
+    "SecondOrderOptions",
+    "SecondOrderResult",
     "SolverOptions",
     "StrainOperator",
     "TaggedMesh",
     "TangentMatrix",
+    "TangentSearch",
     "Traction",
     "box",
     "compare_blocks",
+    "estimate_tangents",
     "fit_linear",
     "fit_polynomial",
     "interior_blocks",
@@ -60,6 +67,7 @@ __all__ = [
     "secant_modulus",
     "solve",
     "solve_law",
+    "solve_second_order",
     "visited_tangent",
     "write_quadrature",
     "write_vtkhdf",
