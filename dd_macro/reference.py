@@ -9,7 +9,7 @@ does not lower the out-of-balance force is halved, a load step that does not con
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -112,12 +112,13 @@ def solve_law(
     *,
     steps: int = 1,
     options: ReferenceOptions | None = None,
+    progress: Callable[[NewtonIteration], None] | None = None,
 ) -> ReferenceResult:
     """Equilibrium of the body whose material is ``law``, the load applied in ``steps`` equal parts.
 
     The law is called on every rank with the strains of that rank's quadrature points, always in the same order; it
     may raise ConvergenceError, on one rank alone too. The linear solver is that of dd_macro.linear.LinearSolver, its
-    PETSc options have the prefix ``ref_``.
+    PETSc options have the prefix ``ref_``. ``progress`` is called on every rank after each linear solve.
 
     Raises:
         InputError: bad conditions, tractions or number of steps.
@@ -126,6 +127,7 @@ def solve_law(
     if steps < 1:
         raise InputError(f"steps: expected at least 1, got {steps}")
     scene = _Scene(operator, law, conditions, tractions, options or ReferenceOptions())
+    scene.progress = progress
     load, size, load_steps, cuts = 0.0, 1.0 / steps, 0, 0
     try:
         state = scene.evaluate(np.zeros(operator.owned_dofs), load)
@@ -172,6 +174,7 @@ class _Scene:
         self._linear: LinearSolver | None = None
         self._gross = 0.0
         self.history: list[NewtonIteration] = []
+        self.progress: Callable[[NewtonIteration], None] | None = None
 
     @property
     def linear(self) -> LinearSolver:
@@ -249,6 +252,8 @@ class _Scene:
     def _record(self, state: _State, step: float) -> _State:
         self.history.append(NewtonIteration(state.load, step, state.residual, self.linear.negative_pivots))
         _log.info("load %.4g, step %.4g: residual %.3e", state.load, step, state.residual)
+        if self.progress:
+            self.progress(self.history[-1])
         return state
 
     def _factorise(self, tangent: Array) -> None:

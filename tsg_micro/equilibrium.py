@@ -96,6 +96,7 @@ class EquilibriumSolver:
         H: Array | None = None,
         force: Array | None = None,
         steps: int = 1,
+        rate: Array | None = None,
         stable: bool = False,
         progress: Callable[[float], None] | None = None,
     ) -> Equilibrium:
@@ -103,7 +104,8 @@ class EquilibriumSolver:
 
         What is not given keeps its present value. The load moves along a straight line, in ``steps`` parts at first:
         a part that does not converge is halved, parts that converge fast grow. The first guess of a part goes along
-        the tangent, later ones along the last part. With ``stable`` the tangent of the result is
+        the tangent, later ones along the last part; ``rate`` (3n + 9,) is the change of all unknowns along the tangent,
+        for the whole load, where it is known already. With ``stable`` the tangent of the result is
         factorised and has no negative pivots but for motions that change no energy, and :meth:`tangent` costs nothing
         more; without it the last equilibrium is not checked, though iterates that are out of balance leave unstable
         states all the same.
@@ -119,7 +121,9 @@ class EquilibriumSolver:
         start_force = self.force
         history: list[Iteration] = []
         before = self.newton.factorisations
-        load, part, accepted, rate = 0.0, 1.0 / steps, 0, None
+        load, part, accepted = 0.0, 1.0 / steps, 0
+        if rate is not None:
+            rate = np.where(self._fixed, change, rate)
         while True:
             part = part if load + part < 1.0 - 1e-9 else 1.0 - load
             if rate is None:

@@ -43,6 +43,8 @@ class RVEState:
     tangent: Array | None
     """d sym(P) / d strain (6, 6), Pa, Mandel, all six strains prescribed; symmetric."""
     equilibrium: Equilibrium
+    rate: Array | None = None
+    """d y / d strain (3n + 9, 6): how all unknowns follow the Mandel strain; there with the tangent."""
 
     @property
     def strain(self) -> Array:
@@ -100,10 +102,14 @@ class RVE:
         """Go back to the reference state."""
         self.solver.move_to(np.zeros(self.solver.system.size), np.zeros(self.solver.system.nodal_size))
 
-    def solve_strain(self, strain: ArrayLike, *, tangent: bool = True, steps: int = 1) -> RVEState:
+    def solve_strain(
+        self, strain: ArrayLike, *, tangent: bool = True, steps: int = 1, rate: Array | None = None
+    ) -> RVEState:
         """Follow the equilibrium to the Mandel strain (6,) along a straight line, H symmetric.
 
         Entries of free components are not used. With ``tangent`` the result is a stable state and carries its tangent.
+        ``rate`` (3n + 9, 6) is that of the present state, if it is known: it saves a factorisation, and is the true
+        first guess where no component is free.
 
         Raises:
             InputError: ``strain`` is not six finite numbers.
@@ -114,27 +120,34 @@ class RVE:
             raise InputError(f"strain: expected six finite Mandel components, got shape {strain.shape}")
         present = to_mandel(self.solver.y[-9:].reshape(3, 3))
         strain[list(self.free)] = present[list(self.free)]
-        return self.solve_gradient(from_mandel(strain), tangent=tangent, steps=steps)
+        change = None if rate is None else rate @ (strain - present)
+        return self.solve_gradient(from_mandel(strain), tangent=tangent, steps=steps, change=change)
 
-    def solve_gradient(self, H: ArrayLike, *, tangent: bool = True, steps: int = 1) -> RVEState:
+    def solve_gradient(
+        self, H: ArrayLike, *, tangent: bool = True, steps: int = 1, change: Array | None = None
+    ) -> RVEState:
         """Follow the equilibrium to the displacement gradient H (3, 3), whose free components start the search.
+
+        ``change`` (3n + 9,) is that of all unknowns along the tangent, if it is known.
 
         Raises:
             InputError: H is not finite or turns the body inside out.
             ConvergenceError: as :meth:`solve_strain`.
         """
-        result = self.solver.solve(H=np.asarray(H, dtype=float), stable=tangent, steps=steps)
+        result = self.solver.solve(H=np.asarray(H, dtype=float), stable=tangent, steps=steps, rate=change)
         volume = self.structure.volume
+        stiffness, rate = self._tangent(result) if tangent else (None, None)
         return RVEState(
             F=np.eye(3) + result.H,
             first_piola=result.macro_force / volume,
             energy=result.energy / volume,
-            tangent=self._tangent(result) / volume if tangent else None,
+            tangent=None if stiffness is None else stiffness / volume,
             equilibrium=result,
+            rate=rate,
         )
 
-    def _tangent(self, result: Equilibrium) -> Array:
-        """Second derivative (6, 6) of the energy by symmetric H, J, with the factor that the solver holds."""
+    def _tangent(self, result: Equilibrium) -> tuple[Array, Array]:
+        """Second derivative (6, 6) of the energy by symmetric H, J, with the factor that the solver holds; the rate."""
         solver, newton = self.solver, self.solver.newton
         m, a = solver.system.nodal_size, newton.border.constraint
         factor = solver.tangent().factor
@@ -148,7 +161,7 @@ class RVE:
         macro[newton.free] = dx - lever @ multipliers
         moment = solver.system.tangent_product(result.members, macro)[m:] + a[:, m:].T @ multipliers
         tangent = BASIS.reshape(6, 9) @ moment
-        return 0.5 * (tangent + tangent.T)
+        return 0.5 * (tangent + tangent.T), macro
 
 
 def _mean_constraints(structure: Structure) -> Array:

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from workflows import cli_scenes, cli_study
+from workflows import cli_fe2, cli_scenes, cli_study
 from workflows.options import (
     BarForce,
     Box,
@@ -220,6 +220,7 @@ def demo(
 
 
 app.command()(cli_study.paper)
+app.command()(cli_fe2.fe2)
 
 
 def main() -> None:

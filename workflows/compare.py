@@ -26,7 +26,7 @@ def compare(out: Path, *, dd: Path, dns: Path, plots: bool = True) -> dict[str, 
     Raises:
         InputError: a folder is not what it should be, or the two are of different loads, strains, bar forces or grids.
     """
-    solved, reference = read_summary(dd, "solve"), read_summary(dns, "dns")
+    solved, reference = read_summary(dd, "solve", "fe2"), read_summary(dns, "dns")
     check_same_scene(solved["parameters"], dns, str(dd))
     fields = read_quadrature(dd / "quadrature.h5")
     measure = solved["stress_measure"]

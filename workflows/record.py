@@ -84,21 +84,22 @@ def _plain(value: object) -> object:
     return str(value)
 
 
-def read_summary(folder: Path, command: str) -> dict[str, Any]:
-    """The summary that ``command`` wrote into ``folder``, or beside it where that is a file.
+def read_summary(folder: Path, *commands: str) -> dict[str, Any]:
+    """The summary that one of ``commands`` wrote into ``folder``, or beside it where that is a file.
 
     Raises:
         InputError: it is not there, is no summary, or another command's.
     """
     path = summary_path(folder) if folder.is_file() else folder / "summary.json"
     kind = "file" if folder.is_file() else "folder"
+    expected = f"expected a {kind} made by {' or '.join(f"'tsgdd {command}'" for command in commands)}"
     try:
         summary = json.loads(path.read_text())
     except OSError:
-        raise InputError(f"{folder}: expected a {kind} made by 'tsgdd {command}', it has no {path.name}") from None
+        raise InputError(f"{folder}: {expected}, it has no {path.name}") from None
     except ValueError:  # not JSON, or not even text
         raise InputError(f"{path}: expected JSON, it cannot be read as such") from None
-    ours = isinstance(summary, dict) and summary.get("command") == command
+    ours = isinstance(summary, dict) and summary.get("command") in commands
     if not ours or not isinstance(summary.get("parameters"), dict):
-        raise InputError(f"{folder}: expected a {kind} made by 'tsgdd {command}', its {path.name} is not its")
+        raise InputError(f"{folder}: {expected}, its {path.name} is another's")
     return summary

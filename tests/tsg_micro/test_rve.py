@@ -221,6 +221,29 @@ def test_inertia_counts_constraints_and_free_strains(periodic, free):
     assert counts[-1] > 5
 
 
+def test_the_rate_is_the_derivative_of_the_unknowns_and_saves_a_factorisation():
+    rve = build_rve(bar_force=1e-8, free=(), options=TIGHT)
+    state = rve.solve_strain(ALL_SIX)
+    assert state.rate is not None
+    step = 1e-5 * IN_PLANE / np.linalg.norm(IN_PLANE)
+    y, force = rve.solver.y, rve.solver.force
+    ends = []
+    for sign in (1.0, -1.0):
+        rve.solver.move_to(y, force)
+        rve.solve_strain(ALL_SIX + sign * step)
+        ends.append(rve.solver.y)
+    assert relative(0.5 * (ends[0] - ends[1]), state.rate @ step) < 1e-5
+    found = []
+    for rate in (None, state.rate, -3.0 * state.rate):  # a bad guess costs iterations, not the answer
+        rve.solver.move_to(y, force)
+        found.append(rve.solve_strain(ALL_SIX + 100.0 * step, rate=rate))
+    plain, known, misled = found
+    assert known.equilibrium.factorisations == plain.equilibrium.factorisations - 1
+    for other in (known, misled):
+        assert relative(other.first_piola, plain.first_piola) < 1e-9
+        assert relative(other.strain, plain.strain) < 1e-14
+
+
 def test_failure_leaves_the_last_state():
     rve = build_rve(bar_force=1e-8, options=NewtonOptions(max_iterations=1))
     with pytest.raises(ConvergenceError, match="stopped at"):

@@ -1,0 +1,171 @@
+"""tsgdd fe2: Newton's method on the macroscale with an RVE at every quadrature point, on any number of MPI ranks.
+
+It has the kinematics and the stress of the data-driven solve and no data: what separates it from the full tensegrity
+is the macroscopic model, what separates a data-driven solution from it is the data.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+import dd_macro as dd
+from dd_macro.parallel import check_everywhere, total
+from tsg_micro.errors import InputError
+from tsg_micro.files import output_folder
+from workflows.loads import LOADS
+from workflows.record import peak_memory, write_summary
+from workflows.rve_law import RVELaw, sheet_rve
+from workflows.scene import Scene
+
+__all__ = ["as_data_driven", "fe2"]
+
+MEASURE = "first_piola"
+
+
+def fe2(
+    out: Path,
+    *,
+    scene: Scene,
+    bar_force: float,
+    steps: int = 1,
+    options: dd.ReferenceOptions | None = None,
+    plots: bool = True,
+    say: Callable[[str], None] = lambda text: None,
+) -> dict[str, Any]:
+    """Solve ``scene`` with an RVE of bar force ``bar_force`` (N) at every quadrature point, in ``steps`` load steps.
+
+    Writes quadrature.h5, fields.vtkhdf, figures and summary.json into ``out``, as ``tsgdd solve`` does; the material
+    state is the mechanical one.
+
+    Raises:
+        InputError: an argument is not valid.
+        ConvergenceError: Newton's method did not converge.
+    """
+    comm = MPI.COMM_WORLD
+    if steps < 1:
+        raise InputError(f"steps: expected at least 1, got {steps}")
+    begin = time.perf_counter()
+    law = RVELaw(sheet_rve(bar_force))
+    _prepare(comm, out)
+
+    domain = scene.build(comm)
+    operator = dd.StrainOperator(domain)
+    conditions = scene.conditions(domain)
+    points = int(total(comm, len(operator.weights)))
+    say(f"{operator.global_dofs} unknowns, {points} RVEs on {comm.size} rank{'s' * (comm.size > 1)}")
+    ready = time.perf_counter()
+
+    def progress(it: dd.NewtonIteration) -> None:
+        seconds = time.perf_counter() - ready
+        say(f"load {it.load:.4g}, step {it.step:.4g}: residual {it.residual:.2e}, {seconds:.0f} s")
+
+    result = dd.solve_law(operator, law, conditions, steps=steps, options=options, progress=progress)
+    done = time.perf_counter()
+
+    # strains and stresses do not need the metric; the ParaView file measures its distances, all zero, with it
+    metric = dd.Metric(_mean_tangent(comm, operator, result), "mean tangent of the solution")
+    solution = as_data_driven(result)
+    dd.write_quadrature(out / "quadrature.h5", operator, solution, stress_measure=MEASURE)
+    dd.write_vtkhdf(out / "fields.vtkhdf", dd.Projection(operator, metric, conditions), solution)
+    numbers = law.effort.numbers()
+    _, asked, solves, iterations, factorisations, seconds_rve = total(comm, numbers)
+    slowest = comm.allreduce(float(numbers[-1]), MPI.MAX)
+    figures = {
+        "iterations": (result.iterations, ""),
+        "load_steps": (result.load_steps, ""),
+        "residual": (result.residual, "force of the supports"),
+        "residual_history": ([i.residual for i in result.history], "force of the supports"),
+        "load_history": ([i.load for i in result.history], ""),
+        "step_history": ([i.step for i in result.history], ""),
+        "top_force": (float(result.reactions["top"][LOADS[scene.load]]), "N"),
+        "rve_solves": (int(solves), ""),
+        "rve_states_asked": (int(asked), ""),
+        "rve_newton_iterations": (int(iterations), ""),
+        "rve_factorisations": (int(factorisations), ""),
+        "rve_unknowns": (law.rve.solver.newton.pattern.size, ""),
+        "rve_linear_solver": (law.rve.solver.newton.choice.backend, ""),
+        "unstable_rves": (int(total(comm, law.unstable)), ""),
+        "normalised_distance": (0.0, "1"),
+        "quadrature_points": (points, ""),
+        "dofs": (operator.global_dofs, ""),
+        "ranks": (comm.size, ""),
+        "stress_measure": (MEASURE, ""),
+        "linear_solver": (result.solver, ""),
+        "seconds": (done - begin, "s"),
+        "seconds_setup": (ready - begin, "s"),
+        "seconds_rve": (slowest, "s"),
+        "seconds_rve_all_ranks": (float(seconds_rve), "s"),
+        "rank_imbalance": (slowest * comm.size / float(seconds_rve), "slowest rank over mean"),
+        "peak_memory": (comm.allreduce(peak_memory(), MPI.MAX), "B"),
+    }
+    parameters = {
+        "load": scene.load,
+        "strain": scene.strain,
+        "elements": scene.elements,
+        "mesh": scene.mesh,
+        "bar_force": bar_force,
+        "steps": steps,
+    }
+    summary = None
+    if comm.rank == 0:
+        summary = write_summary(out, command="fe2", parameters=parameters, figures=figures)
+        if plots:
+            _draw(out, result.history)
+    return comm.bcast(summary)
+
+
+def as_data_driven(result: dd.ReferenceResult) -> dd.DataDrivenResult:
+    """``result`` as one whose material states are the mechanical ones; the indices of the data are -1."""
+    z = result.mechanical
+    n = len(z.strain)
+    return dd.DataDrivenResult(
+        mechanical=z,
+        material_strain=z.strain,
+        material_stress=z.stress,
+        index=np.full(n, -1, dtype=np.int64),
+        local_distance=np.zeros(n),
+        distance=0.0,
+        normalised_distance=0.0,
+        outside_data=0.0,
+        iterations=result.iterations,
+        converged=True,
+        reason="a law at every point",
+        history=(),
+    )
+
+
+def _prepare(comm: MPI.Comm, out: Path) -> None:
+    """The output folder, made by rank 0; what is wrong with it is raised on all ranks."""
+    message = None
+    try:
+        if comm.rank == 0:
+            output_folder(out)
+    except InputError as error:
+        message = str(error)
+    check_everywhere(comm, message)
+
+
+def _mean_tangent(comm: MPI.Comm, operator: dd.StrainOperator, result: dd.ReferenceResult) -> np.ndarray:
+    """Volume mean (6, 6) of the tangents, Pa."""
+    w = operator.weights
+    return total(comm, np.einsum("n,nij->ij", w, result.tangent)) / float(total(comm, w.sum()))
+
+
+def _draw(out: Path, history: tuple[dd.NewtonIteration, ...]) -> None:
+    """Figures from the written file; rank 0 only, nothing is gathered."""
+    from dd_macro.plot import plot_maps, save_figure
+    from workflows.plot_fe2 import plot_newton
+
+    fields = dd.read_quadrature(out / "quadrature.h5")
+    maps = {
+        "pressure $p$": (fields.cell_mean(fields.mechanical_p), "Pa"),
+        "effective stress $q$": (fields.cell_mean(fields.mechanical_q), "Pa"),
+    }
+    save_figure(plot_maps(fields.corners[:, :4, :2], maps), out / "fields.png")
+    save_figure(plot_newton(history), out / "convergence.png")
