@@ -75,6 +75,7 @@ def test_without_stress_across_the_sheet_it_is_the_material_data(law):
     scale = np.abs(stress).max()
     np.testing.assert_allclose(stress[0], to_mandel(datum.first_piola), atol=1e-9 * scale)
     assert np.abs(stress[0, 2:5]).max() < 1e-9 * scale
+    assert datum.tangent is not None
     np.testing.assert_allclose(tangent[0], datum.tangent, atol=1e-9 * np.abs(tangent).max())
 
 
