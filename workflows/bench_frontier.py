@@ -17,7 +17,7 @@ from tsg_micro.files import output_folder
 from workflows.loads import SYMBOLS
 from workflows.record import read_summary, write_summary, write_table
 from workflows.reference import describe, read_blocks, solution_errors
-from workflows.scene import Scene
+from workflows.scene import Scene, with_tangents
 from workflows.trial import Study, make_bench
 
 __all__ = ["frontier"]
@@ -115,22 +115,31 @@ def _solve_all(scene: Scene, dataset: Dataset, blocks: Dataset, per_datum: float
     sampling = per_datum * len(dataset)
     for name in _METRICS:
         yield _data_driven(scene, name, dataset, blocks, sampling)
+    yield _data_driven(scene, "tangent", dataset, blocks, sampling, second_order=True)
     yield _law(scene, "linear elastic law", dd.fit_linear, dataset, blocks, sampling)
     yield _law(scene, "polynomial energy law", dd.fit_polynomial, dataset, blocks, sampling)
 
 
-def _data_driven(scene: Scene, metric: str, dataset: Dataset, blocks: Dataset, sampling: float) -> _Point:
+def _data_driven(
+    scene: Scene, metric: str, dataset: Dataset, blocks: Dataset, sampling: float, *, second_order: bool = False
+) -> _Point:
+    """With data as points, or with their tangent spaces."""
     seconds = np.inf
     for _ in range(_REPEATS):
         begin = time.perf_counter()
         bench = make_bench(scene, metric, dataset, blocks)
         chosen = bench.projection.metric
-        result = dd.solve(bench.projection, dd.MaterialSearch(dataset, chosen))
+        result: dd.DataDrivenResult
+        if second_order:
+            result = dd.solve_second_order(bench.projection, dd.TangentSearch(with_tangents(dataset), chosen))
+        else:
+            result = dd.solve(bench.projection, dd.MaterialSearch(dataset, chosen))
         seconds = min(seconds, time.perf_counter() - begin)
     row = solution_errors(bench.operator, chosen, result, blocks).row(bench.symbol)
     errors = {name: row[name] for name in ("error_mech", "error_mat", "error_mech_all", "error_mat_all")}
     note = f"{result.iterations} iterations, distance {row['distance']:.1%}"
-    return _Point(f"data-driven, metric {metric}", len(dataset), sampling, seconds, **errors, note=note)
+    method = "second-order data" if second_order else f"data-driven, metric {metric}"
+    return _Point(method, len(dataset), sampling, seconds, **errors, note=note)
 
 
 def _law(

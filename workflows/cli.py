@@ -143,6 +143,7 @@ def solve(
     metric: Annotated[
         str, typer.Option(help="auto, tangent, visited (first solve picks tangents) or secant.")
     ] = "auto",
+    order: Annotated[int, typer.Option(help="1: a datum is a point; 2: it is its tangent space.")] = 1,
     stress_measure: Annotated[Measure | None, typer.Option(help="Stress to solve in; else that of the data.")] = None,
     max_iterations: Annotated[int, typer.Option(help="Fixed-point iterations at most.")] = 300,
     over_relaxation: Annotated[float, typer.Option(help="Factor w of a query at y + w (z - y), 1 <= w < 2.")] = 1.7,
@@ -158,6 +159,7 @@ def solve(
         data=data,
         scene=Scene(load.value, strain, elements=elements, mesh=mesh),
         metric=metric,
+        order=order,
         stress_measure=None if stress_measure is None else stress_measure.value,
         options=dd_macro.SolverOptions(max_iterations=max_iterations, over_relaxation=over_relaxation),
         plots=plots,

@@ -14,7 +14,7 @@ from tsg_micro.errors import InputError
 from tsg_micro.mandel import from_mandel
 from workflows.loads import check_load, check_reach, nominal_component, top_displacement
 
-__all__ = ["BLOCK", "METRICS", "Scene", "check_metric", "make_metric", "read_material"]
+__all__ = ["BLOCK", "METRICS", "Scene", "check_metric", "make_metric", "read_material", "with_tangents"]
 
 BLOCK = 20e-6
 """Edge of a 2x2x2-cell block, m (paper: cell height 10 um)."""
@@ -81,3 +81,12 @@ def read_material(data: Path, scene: Scene, stress_measure: str | None = None) -
     values = from_mandel(dataset.strain)[:, "xyz".index(name[0]), "xyz".index(name[1])]
     check_reach(name, wanted, float(values.min()), float(values.max()))
     return dataset
+
+
+def with_tangents(dataset: Dataset) -> Dataset:
+    """The data with their tangents, estimated from their neighbours where there are none.
+
+    Raises:
+        InputError: too few data for that.
+    """
+    return dataset if dataset.tangent is not None else dd.estimate_tangents(dataset)

@@ -15,7 +15,7 @@ from tsg_micro.errors import InputError
 from tsg_micro.files import output_folder
 from workflows.loads import LOADS
 from workflows.record import peak_memory, write_summary
-from workflows.scene import Scene, check_metric, make_metric, read_material
+from workflows.scene import Scene, check_metric, make_metric, read_material, with_tangents
 
 __all__ = ["solve"]
 
@@ -26,12 +26,15 @@ def solve(
     data: Path,
     scene: Scene,
     metric: str = "auto",
+    order: int = 1,
     stress_measure: str | None = None,
     options: dd.SolverOptions | None = None,
     plots: bool = True,
     say: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
     """Solve ``scene`` with the material data of the file ``data``; all ranks of the world take part.
+
+    With ``order`` 1 a datum is a point, with 2 its tangent space; data without tangents get estimated ones then.
 
     Writes quadrature.h5, fields.vtkhdf, figures and summary.json into ``out``.
 
@@ -41,6 +44,8 @@ def solve(
     """
     comm = MPI.COMM_WORLD
     check_metric(metric)
+    if order not in (1, 2):
+        raise InputError(f"order: expected 1 or 2, got {order}")
     dataset = _together(comm, lambda: read_material(data, scene, stress_measure))
     _together(comm, lambda: output_folder(out) if comm.rank == 0 else None)
 
@@ -52,11 +57,16 @@ def solve(
     C = make_metric(metric, operator, dataset, conditions)
     chosen = time.perf_counter()
     projection = dd.Projection(operator, C, conditions)
-    search = dd.MaterialSearch(dataset, C)
+    search = dd.MaterialSearch(dataset, C) if order == 1 else dd.TangentSearch(with_tangents(dataset), C)
     ready = time.perf_counter()
     ranks = f"{comm.size} rank{'s' * (comm.size > 1)}"
     say(f"{operator.global_dofs} unknowns on {ranks}, {projection.solver}; metric: {C.reason}")
-    result = dd.solve(projection, search, options=options)
+    result: dd.DataDrivenResult
+    if isinstance(search, dd.TangentSearch):
+        most = dd.SecondOrderOptions() if options is None else dd.SecondOrderOptions(options.max_iterations)
+        result = dd.solve_second_order(projection, search, options=most)
+    else:
+        result = dd.solve(projection, search, options=options)
     done = time.perf_counter()
     say(f"{result.iterations} iterations ({result.reason}), normalised distance {result.normalised_distance:.2%}")
 
@@ -92,6 +102,9 @@ def solve(
         "seconds_linear_solves": (sum(i.seconds_solve for i in result.history), "s"),
         "peak_memory": (peak_memory(), "B"),
     }
+    if isinstance(result, dd.SecondOrderResult):
+        figures["extrapolated"] = (result.extrapolated, "fraction of quadrature points")
+        figures["held"] = (result.held, "quadrature points")
     parameters = {
         "data": data,
         "load": scene.load,
@@ -99,6 +112,7 @@ def solve(
         "elements": scene.elements,
         "mesh": scene.mesh,
         "metric": metric,
+        "order": order,
         "stress_measure": stress_measure,
         "bar_force": dataset.parameters.get("bar_force"),
     }

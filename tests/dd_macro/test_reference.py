@@ -181,7 +181,8 @@ def test_convex_fit_of_data_that_polynomials_wiggle_through(make_dataset):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"), [({"degree": 1}, "degree: expected 2 to 6"), ({"mirrors": "w"}, "mirrors: expected some")]
+    ("arguments", "message"),
+    [({"degree": 1}, "degree: expected a whole number"), ({"mirrors": "w"}, "mirrors: expected some")],
 )
 def test_bad_arguments_of_the_fit(data_of, arguments, message):
     with pytest.raises(InputError, match=message):

@@ -206,3 +206,13 @@ def test_demo(tsgdd, read_summary, is_png, tmp_path):
     assert all(is_png(tmp_path / f"{name}.png") for name in [*figures, "compare/p", "compare/q"])
     for folder in ("dns", "dd", "compare"):
         assert read_summary(tmp_path / folder)["command"] == {"dd": "solve"}.get(folder, folder)
+
+
+def test_second_order_data_are_nearer_with_the_same_file(chain, tsgdd, read_summary, tmp_path):
+    scene = ("--data", chain.data, "--elements", 4, 4, 1, "--strain", 0.04, "--no-plots")
+    assert tsgdd("solve", *scene, "--order", 2, "--out", tmp_path).code == 0
+    first, second = read_summary(chain.dd), read_summary(tmp_path)
+    assert (first["parameters"]["order"], second["parameters"]["order"]) == (1, 2)
+    assert second["normalised_distance"] < 0.5 * first["normalised_distance"]
+    assert second["held"] == 0
+    assert tsgdd("compare", "--dd", tmp_path, "--dns", chain.dns, "--out", tmp_path / "compare", "--no-plots").code == 0

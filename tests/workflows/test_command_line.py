@@ -190,6 +190,7 @@ def test_append_of_another_stress(tsgdd, chain):
         (["--elements", 1, 1, 1, "--strain", 0.3, "--load", "shear"], ["eps_xy within", "got 0.15"]),
         (["--elements", 0, 1, 1], ["elements: expected three positive integers, got (0, 1, 1)"]),
         (["--elements", 1, 1, 1, "--metric", "best"], ["metric: expected one of auto, tangent, visited", "got 'best'"]),
+        (["--elements", 1, 1, 1, "--order", 3], ["order: expected 1 or 2, got 3"]),
         (["--elements", 1, 1, 1, "--max-iterations", 0], ["max_iterations: expected at least 1, got 0"]),
         (["--elements", 1, 1, 1, "--over-relaxation", 2], ["over_relaxation: expected a number in [1, 2), got 2.0"]),
         (["--elements", 1, 1, 1, "--mesh", "a.msh"], ["elements, mesh: expected one of them"]),
