@@ -66,3 +66,5 @@ def leave(message: str, code: int) -> None:
         time.sleep(0.01)
     print(f"rank {mpi.COMM_WORLD.rank}: {message}", file=sys.stderr, flush=True)
     mpi.COMM_WORLD.Abort(code)
+    time.sleep(_PATIENCE)  # Abort may come back before the launcher has ended this rank
+    os._exit(code)
