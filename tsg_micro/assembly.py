@@ -56,6 +56,10 @@ class MemberSystem:
         self.may_slacken = ~structure.bars & slack
         self.nodal_size = 3 * n
         self.size = self.nodal_size + MACRO
+        self.pairs = np.zeros((0, 2), dtype=np.int64)
+        """Nodes (p, 2) that something else than a member couples, the lower number first."""
+        self.pressure = 0.0
+        """On the surface, Pa; a system without one has none."""
 
         axes = np.arange(3)
         row = (3 * np.arange(m)[:, None] + axes).ravel()
@@ -108,25 +112,34 @@ class MemberSystem:
         blocks[:, [0, 1, 2], [0, 1, 2]] += q[:, None]
         return blocks.reshape(-1, 9)
 
+    def pair_blocks(self, state: MemberState) -> Array:
+        """What ``pairs`` add to the tangent (p, 9), N/m: second derivatives by the first node and the second."""
+        return np.zeros((len(self.pairs), 9))
+
 
 class NodalPattern:
     """The free-free part of the nodal tangent as upper-triangular CSR, its pattern worked out once."""
 
-    def __init__(self, structure: Structure, free: NDArray[np.bool_]) -> None:
-        """``free`` (3n,) marks the displacements that are unknown."""
-        n, m = len(structure.nodes), len(structure.members)
+    def __init__(self, structure: Structure, free: NDArray[np.bool_], pairs: NDArray[np.int64] | None = None) -> None:
+        """``free`` (3n,) marks the displacements that are unknown, ``pairs`` (p, 2) couples further nodes."""
+        pairs = np.zeros((0, 2), dtype=np.int64) if pairs is None else pairs
+        n, m, p = len(structure.nodes), len(structure.members), len(pairs)
         i, j = structure.members.min(axis=1), structure.members.max(axis=1)
         off = i != j
-        keys, place = np.unique(np.concatenate([np.arange(n) * (n + 1), i[off] * n + j[off]]), return_inverse=True)
-        diagonal, pair = place[:n], place[n:]
-        # sum of member blocks into node-pair blocks: + on both diagonals, - on the pair
+        wanted = [np.arange(n) * (n + 1), i[off] * n + j[off], pairs[:, 0] * n + pairs[:, 1]]
+        keys, place = np.unique(np.concatenate(wanted), return_inverse=True)
+        diagonal, pair, further = place[:n], place[n : len(place) - p], place[len(place) - p :]
+        # sum of member blocks into node-pair blocks: + on both diagonals, - on the pair; further blocks as they are
         member = np.arange(m)[off]
         self._sum = sp.csr_array(
             (
-                np.concatenate([np.ones(2 * len(member)), -np.ones(len(member))]),
-                (np.concatenate([diagonal[i[off]], diagonal[j[off]], pair]), np.tile(member, 3)),
+                np.concatenate([np.ones(2 * len(member)), -np.ones(len(member)), np.ones(p)]),
+                (
+                    np.concatenate([diagonal[i[off]], diagonal[j[off]], pair, further]),
+                    np.concatenate([np.tile(member, 3), m + np.arange(p)]),
+                ),
             ),
-            shape=(len(keys), m),
+            shape=(len(keys), m + p),
         )
         number = np.full(3 * n, -1, dtype=np.int64)
         number[free] = np.arange(free.sum())
@@ -145,6 +158,8 @@ class NodalPattern:
         self.diagonal = self.indptr[:-1]
         """Where each row's diagonal entry sits (the first of its row)."""
 
-    def assemble(self, member_blocks: Array) -> Array:
-        """Values (nnz,) of the upper triangle from member tangents (m, 9), N/m."""
+    def assemble(self, member_blocks: Array, pair_blocks: Array | None = None) -> Array:
+        """Values (nnz,) of the upper triangle from member tangents (m, 9) and blocks of the pairs (p, 9), N/m."""
+        if pair_blocks is not None:
+            member_blocks = np.concatenate([member_blocks, pair_blocks])
         return np.asarray((self._sum @ member_blocks).ravel()[self._source])

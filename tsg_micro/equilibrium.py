@@ -12,13 +12,15 @@ from tsg_micro.assembly import MACRO, MemberState, MemberSystem
 from tsg_micro.errors import ConvergenceError, InputError
 from tsg_micro.linear_solvers import Choice
 from tsg_micro.newton import Iteration, NewtonOptions, NewtonSolver
+from tsg_micro.pressure import PressurisedSystem
 from tsg_micro.structure import Structure
+from tsg_micro.surface import Surface
 from tsg_micro.tangent import Border, Tangent
 
 __all__ = ["Equilibrium", "EquilibriumSolver"]
 
 Array = NDArray[np.float64]
-_FEW, _SMALLEST = 5, 1.0 / 256.0
+_FEW = 5
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,8 @@ class EquilibriumSolver:
     """Follows the equilibrium of one structure from load to load; starts at its reference geometry.
 
     ``fixed`` (n, 3) marks the displacements that are prescribed; all others are unknown. The macroscopic
-    displacement gradient H is prescribed but for the directions in ``border``.
+    displacement gradient H is prescribed but for the directions in ``border``. A pressure can act on a closed
+    ``surface``.
     """
 
     def __init__(
@@ -63,16 +66,21 @@ class EquilibriumSolver:
         fixed: NDArray[np.bool_],
         border: Border | None = None,
         slack: bool = False,
+        surface: Surface | None = None,
         options: NewtonOptions | None = None,
     ) -> None:
-        """Raises InputError: ``fixed`` has another shape than the nodes, or fixes nothing or all."""
+        """Raises InputError: ``fixed`` has another shape than the nodes, fixes all, or nothing where no border does."""
         fixed = np.asarray(fixed, dtype=bool)
         if fixed.shape != structure.nodes.shape:
             raise InputError(f"fixed: expected shape {structure.nodes.shape}, got {fixed.shape}")
-        if fixed.all() or not fixed.any():
+        if fixed.all() or not (fixed.any() or (border is not None and len(border.constraint))):
             raise InputError("fixed: expected some displacements to be prescribed and some to be free")
         self.structure = structure
-        self.system = MemberSystem(structure, slack=slack)
+        self.system = (
+            MemberSystem(structure, slack=slack)
+            if surface is None
+            else PressurisedSystem(structure, surface, slack=slack)
+        )
         self.newton = NewtonSolver(self.system, ~fixed.ravel(), border=border, options=options or NewtonOptions())
         self.y = np.zeros(self.system.size)
         self.force = np.zeros(self.system.nodal_size)
@@ -95,12 +103,14 @@ class EquilibriumSolver:
         displacement: Array | None = None,
         H: Array | None = None,
         force: Array | None = None,
+        pressure: float | None = None,
         steps: int = 1,
         rate: Array | None = None,
         stable: bool = False,
         progress: Callable[[float], None] | None = None,
     ) -> Equilibrium:
-        """Follow the equilibrium to prescribed displacements (n, 3) in m, H (3, 3) and nodal forces (n, 3) in N.
+        """Follow the equilibrium to prescribed displacements (n, 3) in m, H (3, 3), nodal forces (n, 3) in N, and to a
+        ``pressure`` in Pa that follows the surface.
 
         What is not given keeps its present value. The load moves along a straight line, in ``steps`` parts at first:
         a part that does not converge is halved, parts that converge fast grow. The first guess of a part goes along
@@ -112,13 +122,14 @@ class EquilibriumSolver:
 
         Raises:
             InputError: a shape or a value is not valid.
-            ConvergenceError: 1/256 of a part did not converge; the solver stays at its last equilibrium.
+            ConvergenceError: ``smallest_part`` of a part did not converge; the solver stays at its last equilibrium.
         """
         if steps < 1:
             raise InputError(f"steps: expected at least 1, got {steps}")
         goal, goal_force = self._goal(displacement, H, force)
         change, change_force = np.where(self._fixed, goal - self.y, 0.0), goal_force - self.force
-        start_force = self.force
+        start_force, start_pressure = self.force, self.system.pressure
+        change_pressure = self._goal_pressure(pressure) - start_pressure
         history: list[Iteration] = []
         before = self.newton.factorisations
         load, part, accepted = 0.0, 1.0 / steps, 0
@@ -127,8 +138,9 @@ class EquilibriumSolver:
         while True:
             part = part if load + part < 1.0 - 1e-9 else 1.0 - load
             if rate is None:
-                rate = self._tangent_rate(change, change_force)
+                rate = self._tangent_rate(change, change_force, change_pressure)
             try:
+                self.system.pressure = start_pressure + (load + part) * change_pressure
                 result = self.newton.solve(
                     self.y + part * rate,
                     start_force + (load + part) * change_force,
@@ -138,7 +150,8 @@ class EquilibriumSolver:
                 )
             except ConvergenceError as error:
                 self._tangent, rate, part = None, None, 0.5 * part
-                if part < _SMALLEST / steps:
+                self.system.pressure = start_pressure + load * change_pressure
+                if part < self.newton.options.smallest_part / steps:
                     text = f"stopped at {load:.2%} of the load, where a part of {2.0 * part:.1e} failed; {error}"
                     raise ConvergenceError(text, history) from None
                 continue
@@ -189,10 +202,23 @@ class EquilibriumSolver:
             goal_force = np.asarray(force, dtype=float).ravel()
         return goal, goal_force
 
-    def _tangent_rate(self, change: Array, change_force: Array) -> Array:
+    def _goal_pressure(self, pressure: float | None) -> float:
+        """Pressure to reach, checked."""
+        if pressure is None:
+            return self.system.pressure
+        if not np.isfinite(pressure) or not isinstance(self.system, PressurisedSystem):
+            raise InputError(f"pressure: expected a finite number, and a surface for it to act on, got {pressure}")
+        return float(pressure)
+
+    def _tangent_rate(self, change: Array, change_force: Array, change_pressure: float) -> Array:
         """Derivative of all unknowns by the load at the present state."""
+        if not (change_pressure or change.any() or change_force.any()):
+            return change
         newton, m, border = self.newton, self.system.nodal_size, self.newton.border
-        product = self.system.tangent_product(self.system.state(self.y), change[:, None])[:, 0]
+        state = self.system.state(self.y)
+        product = self.system.tangent_product(state, change[:, None])[:, 0]
+        if change_pressure and isinstance(self.system, PressurisedSystem):
+            product += change_pressure * self.system.volume_gradient(state)
         nodal = (change_force - product[:m])[newton.free]
         rest = np.concatenate([-border.macro.T @ product[m:], -border.constraint @ change])
         dx, dz = self.tangent().solve(nodal, rest)

@@ -33,10 +33,12 @@ class NewtonOptions:
     """Few are needed but on the way out of an unstable equilibrium, down a narrow valley of the energy."""
     max_elongation: float = 0.02
     """Largest change of a member's length in one iteration, over its length."""
+    smallest_part: float = 1.0 / 256.0
+    """Of a load step, below which the equilibrium counts as lost."""
     linear_solver: str = "auto"
 
     def __post_init__(self) -> None:
-        for name in ("tolerance", "max_elongation", "max_iterations"):
+        for name in ("tolerance", "max_elongation", "max_iterations", "smallest_part"):
             if not getattr(self, name) > 0:
                 raise InputError(f"{name}: expected a positive number, got {getattr(self, name)}")
 
@@ -80,7 +82,7 @@ class NewtonSolver:
         self.free = np.flatnonzero(free)
         self.border = border or Border(np.zeros((MACRO, 0)), np.zeros((0, system.size)))
         self.options = options
-        self.pattern = NodalPattern(system.structure, free)
+        self.pattern = NodalPattern(system.structure, free, system.pairs)
         self.choice: Choice = choose_backend(self.pattern.size, options.linear_solver)
         self.solver: SymmetricSolver = make_solver(self.pattern.indptr, self.pattern.indices, self.choice.backend)
         self.factorisations = 0
@@ -92,12 +94,12 @@ class NewtonSolver:
 
     def tangent(self, state: MemberState, *, shift: float = 0.0) -> Tangent:
         """Factor the tangent at ``state``, with ``shift`` added to its diagonal."""
-        values = self.pattern.assemble(self.system.member_blocks(state))
+        values = self.pattern.assemble(self.system.member_blocks(state), self.system.pair_blocks(state))
         if shift:
             values[self.pattern.diagonal] += shift
         if self.border.held is not None:
-            place = self.pattern.diagonal[np.searchsorted(self.free, self.border.held)]
-            values[place] += 1e-8 * np.abs(values[self.pattern.diagonal]).mean()
+            held = np.searchsorted(self.free, self.border.held)
+            values[self.pattern.diagonal[held]] += 1e-8 * np.abs(values[self.pattern.diagonal]).mean()
         factor = self.solver.factorise(values)
         self.factorisations += 1
         k, c = self.border.macro.shape[1], len(self.border.constraint)
@@ -133,8 +135,7 @@ class NewtonSolver:
 
         A constraint that is off by 1e-12 of the box counts like a force that is off by the tolerance.
         """
-        scale = np.abs(state.force).mean()
-        length = self.system.structure.size.max()
+        scale, length = np.abs(state.force).mean(), self.system.structure.size.max()
         macro, drift = np.split(rest, [self.border.macro.shape[1]])
         largest = max(np.abs(nodal).max(initial=0.0), np.abs(macro).max(initial=0.0) / length)
         relative = largest / scale if scale > 0.0 else float(largest > 0.0)
@@ -245,8 +246,7 @@ class NewtonSolver:
         """
         if not modes:
             return y
-        (mode, _), *_ = modes
-        system = self.system
+        (mode, _), system = modes[0], self.system
         state = system.state(y)
         if np.vdot(mode, system.tangent_product(state, mode[:, None])[:, 0]) >= 0.0:
             return y

@@ -23,6 +23,7 @@ from tsg_micro.unit_cell import unit_cell
 __all__ = [
     "SelfStress",
     "force_density_of_cells",
+    "force_density_of_owners",
     "prestressed",
     "self_stress",
     "self_stress_counts",
@@ -84,12 +85,21 @@ def force_density_of_cells(structure: Structure, parameters: CellParameters, bar
     Raises:
         InputError: ``bar_force`` is not a positive number or one per cell.
     """
+    return np.asarray(force_density_of_owners(structure, parameters, bar_force).sum(axis=1))
+
+
+def force_density_of_owners(structure: Structure, parameters: CellParameters, bar_force: ArrayLike) -> Array:
+    """What each of the one or two cells of a member contributes to its self-stress (m, 2), N/m, 0 for no cell.
+
+    Raises:
+        InputError: as :func:`force_density_of_cells`.
+    """
     f = check_bar_force(bar_force, cells=len(structure.cells), EA_bar=parameters.EA_bar)
     unit = unit_cell(parameters.half_diagonal)
     state = np.zeros(3)
     state[unit.kind] = unit.force_density
     scale = np.append(f / (unit.bar_length * parameters.height / 2.0), 0.0)  # the last one stands for "no cell"
-    return np.asarray(state[structure.kind] * scale[structure.member_cells].sum(axis=1))
+    return np.asarray(state[structure.kind, None] * scale[structure.member_cells])
 
 
 def with_force_density(structure: Structure, force_density: Array) -> Structure:

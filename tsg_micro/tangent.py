@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tsg_micro.linear_solvers import Factor
 
-__all__ = ["Border", "Tangent", "lowest_ritz"]
+__all__ = ["Border", "Tangent", "lowest_ritz", "lowest_stiffness"]
 
 Array = NDArray[np.float64]
 
@@ -24,8 +24,8 @@ class Border:
     """Directions (9, k) in which H is free."""
     constraint: Array
     """Rows (c, 3n + 9) of A, over displacements and H; A y = 0 is kept."""
-    held: int | None = None
-    """A displacement that gets a weak spring in the tangent alone, where without the constraints a rotation is free."""
+    held: int | NDArray[np.int64] | None = None
+    """Displacements that get a weak spring in the tangent alone, where without the constraints a motion is free."""
 
     @property
     def size(self) -> int:
@@ -74,3 +74,11 @@ def lowest_ritz(operator: Callable[[Array], Array], n: int, steps: int) -> tuple
             break
     values, coefficients = scipy.linalg.eigh_tridiagonal(diagonal[: k + 1], off[:k])
     return values, basis[: k + 1].T @ coefficients
+
+
+def lowest_stiffness(tangent: Tangent, steps: int = 40) -> float:
+    """Smallest eigenvalue of the tangent, N/m: negative where it is unstable, near 0 at a limit of the load."""
+    none = np.zeros(len(tangent.schur))
+    size = len(tangent.coupling)
+    values, _ = lowest_ritz(lambda x: tangent.solve(x, none)[0], size, min(size, steps))
+    return float(1.0 / (values[0] if values[0] < 0.0 else values[-1]))

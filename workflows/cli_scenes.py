@@ -165,3 +165,46 @@ def calibrate(
     for warning in summary["warnings"]:
         say(f"{'warning':24} {warning}")
     report(summary, "points rms evaluations seconds", out)
+
+
+@scenes.command()
+def spheroid(
+    out: Out,
+    radius: Annotated[float, typer.Option(help="Radius in blocks of 2x2x2 cells.")] = 5.0,
+    f_max: Annotated[float, typer.Option(help="Bar force at the centre, N.")] = 5e-8,
+    profile: Annotated[
+        str, typer.Option(help="exponential, linear, constant, or a CSV file with columns r_over_R,f_over_fmax.")
+    ] = "exponential",
+    decay: Annotated[float, typer.Option(help="k: the bar force at the rim is f_max exp(-k).")] = 2.0,
+    load: Annotated[
+        str, typer.Option(help="pressure, which follows the surface, or displacement of the surface.")
+    ] = "pressure",
+    level: Annotated[
+        float | None, typer.Option(help="Pressure in Pa (100 if not given), or linear strain (0.02).")
+    ] = None,
+    steps: Annotated[int, typer.Option(help="Recorded levels of the load.")] = 5,
+    e_bar: EBar = 1.2e9,
+    e_tendon: ETendon = 10e6,
+    half_diagonal: HalfDiagonal = 0.5,
+    linear_solver: LinearSolver = "auto",
+    plots: Plots = True,
+) -> None:
+    """Compress a spheroid whose bar force rises towards its core: radial stress of every block."""
+    check_alone("spheroid")
+    from workflows.spheroid import spheroid as run
+
+    summary = run(
+        out,
+        radius=radius,
+        f_max=f_max,
+        profile=profile,
+        decay=decay,
+        load=load,
+        level=level,
+        steps=steps,
+        cell=_cell(e_bar, e_tendon, half_diagonal),
+        linear_solver=linear_solver,
+        plots=plots,
+        say=say,
+    )
+    report(summary, "blocks reached volume_change core_over_rim rises_to_core factorisations seconds peak_memory", out)
