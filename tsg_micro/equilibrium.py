@@ -86,6 +86,7 @@ class EquilibriumSolver:
         self.force = np.zeros(self.system.nodal_size)
         self._fixed = np.append(fixed.ravel(), np.ones(MACRO, dtype=bool))
         self._tangent: Tangent | None = None
+        self._expected: Array | None = None
 
     def move_to(self, y: Array, force: Array) -> None:
         """Go to the unknowns ``y`` and nodal forces of an equilibrium that was reached before."""
@@ -97,6 +98,10 @@ class EquilibriumSolver:
             self._tangent = self.newton.tangent(self.system.state(self.y))
         return self._tangent
 
+    def expect(self, change: Array) -> None:
+        """The next solve's load changes all unknowns by ``change`` (3n + 9,) along the tangent: no need to find out."""
+        self._expected = change
+
     def solve(
         self,
         *,
@@ -105,7 +110,6 @@ class EquilibriumSolver:
         force: Array | None = None,
         pressure: float | None = None,
         steps: int = 1,
-        rate: Array | None = None,
         stable: bool = False,
         progress: Callable[[float], None] | None = None,
     ) -> Equilibrium:
@@ -114,8 +118,7 @@ class EquilibriumSolver:
 
         What is not given keeps its present value. The load moves along a straight line, in ``steps`` parts at first:
         a part that does not converge is halved, parts that converge fast grow. The first guess of a part goes along
-        the tangent, later ones along the last part; ``rate`` (3n + 9,) is the change of all unknowns along the tangent,
-        for the whole load, where it is known already. With ``stable`` the tangent of the result is
+        the tangent (see :meth:`expect`), later ones along the last part. With ``stable`` the tangent of the result is
         factorised and has no negative pivots but for motions that change no energy, and :meth:`tangent` costs nothing
         more; without it the last equilibrium is not checked, though iterates that are out of balance leave unstable
         states all the same.
@@ -124,6 +127,7 @@ class EquilibriumSolver:
             InputError: a shape or a value is not valid.
             ConvergenceError: ``smallest_part`` of a part did not converge; the solver stays at its last equilibrium.
         """
+        expected, self._expected = self._expected, None
         if steps < 1:
             raise InputError(f"steps: expected at least 1, got {steps}")
         goal, goal_force = self._goal(displacement, H, force)
@@ -133,8 +137,7 @@ class EquilibriumSolver:
         history: list[Iteration] = []
         before = self.newton.factorisations
         load, part, accepted = 0.0, 1.0 / steps, 0
-        if rate is not None:
-            rate = np.where(self._fixed, change, rate)
+        rate = None if expected is None else np.where(self._fixed, change, expected)
         while True:
             part = part if load + part < 1.0 - 1e-9 else 1.0 - load
             if rate is None:

@@ -134,7 +134,9 @@ class RVE:
             InputError: H is not finite or turns the body inside out.
             ConvergenceError: as :meth:`solve_strain`.
         """
-        result = self.solver.solve(H=np.asarray(H, dtype=float), stable=tangent, steps=steps, rate=change)
+        if change is not None:
+            self.solver.expect(change)
+        result = self.solver.solve(H=np.asarray(H, dtype=float), stable=tangent, steps=steps)
         volume = self.structure.volume
         stiffness, rate = self._tangent(result) if tangent else (None, None)
         return RVEState(
