@@ -134,8 +134,8 @@ def dns(
 
 @app.command()
 def solve(
-    data: Annotated[Path, typer.Option(help="Material data, HDF5.")],
     out: Out,
+    data: Annotated[Path | None, typer.Option(help="Material data, HDF5; none are needed with --adapt.")] = None,
     elements: Annotated[tuple[int, int, int] | None, typer.Option(help="Elements along x, y, z; a block each.")] = None,
     mesh: Annotated[Path | None, typer.Option(help="Hexahedral gmsh mesh in m, sides named bottom and top.")] = None,
     load: Annotated[Load, typer.Option(help="How the top side moves.")] = Load.stretch,
@@ -143,7 +143,17 @@ def solve(
     metric: Annotated[
         str, typer.Option(help="auto, tangent, visited (first solve picks tangents) or secant.")
     ] = "auto",
-    order: Annotated[int, typer.Option(help="1: a datum is a point; 2: it is its tangent space.")] = 1,
+    order: Annotated[
+        int | None, typer.Option(help="1: a datum is a point; 2: it is its tangent space. 2 with --adapt, else 1.")
+    ] = None,
+    adapt: Annotated[
+        bool, typer.Option("--adapt", help="Compute RVEs where the scene lacks data; OUT/data.h5.")
+    ] = False,
+    bar_force: Annotated[float | None, typer.Option(help="With --adapt: f_b in N, if the data do not say it.")] = None,
+    rve_budget: Annotated[int | None, typer.Option(help="With --adapt: RVEs at most; 200 if not given.")] = None,
+    adapt_tolerance: Annotated[
+        float | None, typer.Option(help="With --adapt: change of state that ends it; 0.002 if not given.")
+    ] = None,
     stress_measure: Annotated[Measure | None, typer.Option(help="Stress to solve in; else that of the data.")] = None,
     max_iterations: Annotated[int, typer.Option(help="Fixed-point iterations at most.")] = 300,
     over_relaxation: Annotated[float, typer.Option(help="Factor w of a query at y + w (z - y), 1 <= w < 2.")] = 1.7,
@@ -151,6 +161,7 @@ def solve(
 ) -> None:
     """Data-driven solution of a sheet; runs on any number of ranks (mpirun -n N tsgdd solve ...)."""
     import dd_macro
+    from workflows.adapt import adaptation
     from workflows.scene import Scene
     from workflows.solve import solve as run
 
@@ -162,9 +173,12 @@ def solve(
         order=order,
         stress_measure=None if stress_measure is None else stress_measure.value,
         options=dd_macro.SolverOptions(max_iterations=max_iterations, over_relaxation=over_relaxation),
+        adaptation=adaptation(adapt, bar_force=bar_force, rve_budget=rve_budget, adapt_tolerance=adapt_tolerance),
         plots=plots,
         say=say,
     )
+    if adapt:
+        report(summary, "adapt_reason rves failed_rves change seconds_rve", out / "data.h5")
     report(summary, "iterations converged normalised_distance quadrature_points data_points ranks seconds", out)
 
 

@@ -74,9 +74,16 @@ def make_metric(
 
 
 def read_material(data: Path, scene: Scene, stress_measure: str | None = None) -> Dataset:
-    """The data in the measure asked for; InputError where they do not reach the nominal strain of the scene."""
+    """The data in the measure asked for; InputError where they do not reach the nominal strain of the scene.
+
+    Data that were adapted to this load, up to this strain or more, hold what its scene needs, whatever their range.
+    """
     dataset = read_dataset(data)
     dataset = convert_dataset(dataset, stress_measure or dataset.stress_measure)
+    for source in dataset.parameters.get("joined", [dataset.parameters]):
+        made_for = source.get("adapted")
+        if isinstance(made_for, dict) and made_for["load"] == scene.load and 0 < scene.strain / made_for["strain"] <= 1:
+            return dataset
     name, wanted = nominal_component(scene.load, scene.strain)
     values = from_mandel(dataset.strain)[:, "xyz".index(name[0]), "xyz".index(name[1])]
     check_reach(name, wanted, float(values.min()), float(values.max()))

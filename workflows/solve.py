@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,10 @@ from mpi4py import MPI
 
 import dd_macro as dd
 from dd_macro.parallel import check_everywhere, total
+from tsg_micro.dataset import Dataset, convert_dataset, read_dataset, write_dataset
 from tsg_micro.errors import InputError
 from tsg_micro.files import output_folder
+from workflows.adapt import Adaptation, Adapted, adapt, known_bar_force
 from workflows.loads import LOADS
 from workflows.record import peak_memory, write_summary
 from workflows.scene import Scene, check_metric, make_metric, read_material, with_tangents
@@ -23,20 +26,22 @@ __all__ = ["solve"]
 def solve(
     out: Path,
     *,
-    data: Path,
+    data: Path | None,
     scene: Scene,
     metric: str = "auto",
-    order: int = 1,
+    order: int | None = None,
     stress_measure: str | None = None,
     options: dd.SolverOptions | None = None,
+    adaptation: Adaptation | None = None,
     plots: bool = True,
     say: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
     """Solve ``scene`` with the material data of the file ``data``; all ranks of the world take part.
 
-    With ``order`` 1 a datum is a point, with 2 its tangent space; data without tangents get estimated ones then.
+    With ``order`` 1 a datum is a point, with 2 its tangent space; data without tangents get estimated ones then. With
+    ``adaptation`` the scene decides which RVEs are computed as more data, and ``data`` may be None; the order is 2.
 
-    Writes quadrature.h5, fields.vtkhdf, figures and summary.json into ``out``.
+    Writes quadrature.h5, fields.vtkhdf, figures and summary.json into ``out``, with ``adaptation`` data.h5 too.
 
     Raises:
         InputError: an argument or a file is not valid, or the scene's strain is outside the data.
@@ -44,9 +49,10 @@ def solve(
     """
     comm = MPI.COMM_WORLD
     check_metric(metric)
-    if order not in (1, 2):
-        raise InputError(f"order: expected 1 or 2, got {order}")
-    dataset = _together(comm, lambda: read_material(data, scene, stress_measure))
+    order = order or (1 if adaptation is None else 2)
+    if order not in (1, 2) or (adaptation is not None and order == 1):
+        raise InputError(f"order: expected {'1 or ' * (adaptation is None)}2, got {order}")
+    dataset = _together(comm, lambda: _material(data, scene, metric, stress_measure, adaptation))
     _together(comm, lambda: output_folder(out) if comm.rank == 0 else None)
 
     begin = time.perf_counter()
@@ -54,19 +60,34 @@ def solve(
     operator = dd.StrainOperator(domain)
     conditions = scene.conditions(domain)
     start = time.perf_counter()
-    C = make_metric(metric, operator, dataset, conditions)
-    chosen = time.perf_counter()
-    projection = dd.Projection(operator, C, conditions)
-    search = dd.MaterialSearch(dataset, C) if order == 1 else dd.TangentSearch(with_tangents(dataset), C)
-    ready = time.perf_counter()
     ranks = f"{comm.size} rank{'s' * (comm.size > 1)}"
-    say(f"{operator.global_dofs} unknowns on {ranks}, {projection.solver}; metric: {C.reason}")
+    most = dd.SecondOrderOptions() if options is None else dd.SecondOrderOptions(options.max_iterations)
     result: dd.DataDrivenResult
-    if isinstance(search, dd.TangentSearch):
-        most = dd.SecondOrderOptions() if options is None else dd.SecondOrderOptions(options.max_iterations)
-        result = dd.solve_second_order(projection, search, options=most)
+    search: dd.MaterialSearch
+    adapted: Adapted | None = None
+    if adaptation is not None:
+        chosen = ready = start
+
+        def keep(found: Dataset) -> None:
+            _together(comm, lambda: write_dataset(out / "data.h5", found) if comm.rank == 0 else None)
+
+        say(f"{operator.global_dofs} unknowns on {ranks}")
+        material: dict[str, Any] = {"dataset": dataset, "metric": metric, "measure": stress_measure}
+        adapted = adapt(operator, conditions, adaptation, scene=scene, **material, options=most, keep=keep, say=say)
+        result, dataset, projection, search = adapted.result, adapted.dataset, adapted.projection, adapted.search
+        C = projection.metric
     else:
-        result = dd.solve(projection, search, options=options)
+        assert dataset is not None
+        C = make_metric(metric, operator, dataset, conditions)
+        chosen = time.perf_counter()
+        projection = dd.Projection(operator, C, conditions)
+        search = dd.MaterialSearch(dataset, C) if order == 1 else dd.TangentSearch(with_tangents(dataset), C)
+        ready = time.perf_counter()
+        say(f"{operator.global_dofs} unknowns on {ranks}, {projection.solver}; metric: {C.reason}")
+        if isinstance(search, dd.TangentSearch):
+            result = dd.solve_second_order(projection, search, options=most)
+        else:
+            result = dd.solve(projection, search, options=options)
     done = time.perf_counter()
     say(f"{result.iterations} iterations ({result.reason}), normalised distance {result.normalised_distance:.2%}")
 
@@ -105,6 +126,8 @@ def solve(
     if isinstance(result, dd.SecondOrderResult):
         figures["extrapolated"] = (result.extrapolated, "fraction of quadrature points")
         figures["held"] = (result.held, "quadrature points")
+    if adapted is not None:
+        figures |= adapted.figures()
     parameters = {
         "data": data,
         "load": scene.load,
@@ -114,6 +137,7 @@ def solve(
         "metric": metric,
         "order": order,
         "stress_measure": stress_measure,
+        "adaptation": None if adaptation is None else asdict(adaptation),
         "bar_force": dataset.parameters.get("bar_force"),
     }
     summary = None
@@ -121,7 +145,26 @@ def solve(
         summary = write_summary(out, command="solve", parameters=parameters, figures=figures)
         if plots:
             _draw(out, result)
+            if adapted is not None:
+                _draw_rounds(out, adapted)
     return comm.bcast(summary)
+
+
+def _material(
+    data: Path | None, scene: Scene, metric: str, stress_measure: str | None, adaptation: Adaptation | None
+) -> Dataset | None:
+    """The data to start from, and whether they will do."""
+    if adaptation is None:
+        if data is None:
+            raise InputError("data: expected a file, or --adapt with --bar-force, got neither")
+        return read_material(data, scene, stress_measure)
+    dataset = None if data is None else read_dataset(data)
+    known_bar_force(adaptation, dataset)
+    if dataset is None and metric == "secant":
+        raise InputError("metric: expected auto, tangent or visited where there are no data, got 'secant'")
+    if dataset is not None:
+        convert_dataset(dataset, stress_measure or dataset.stress_measure)
+    return dataset
 
 
 def _together[T](comm: MPI.Comm, action: Callable[[], T]) -> T:
@@ -151,3 +194,10 @@ def _draw(out: Path, result: dd.DataDrivenResult) -> None:
     history = result.history
     figure = plot_convergence([i.distance for i in history], [i.changed for i in history], [i.omega for i in history])
     save_figure(figure, out / "convergence.png")
+
+
+def _draw_rounds(out: Path, adapted: Adapted) -> None:
+    from dd_macro.plot import save_figure
+    from workflows.plot_adapt import plot_rounds
+
+    save_figure(plot_rounds(adapted.rounds), out / "adaptation.png")

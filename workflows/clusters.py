@@ -1,0 +1,76 @@
+"""Clusters of the strains of a scene where its data leave the most error: error-weighted k-means, on any ranks.
+
+The tangent of a datum at distance r = |epsilon - epsilon_i| in the metric leaves an error of stress of second order in
+r, so that of a scene is the sum of w r^4 over its quadrature points of volume w. The cluster of points around a centre
+with the largest share of it is split along its principal direction, again and again; then all new centres move to the
+mean of their points with the weights w r^2, which lowers that sum, while the data, also centres, stay where they are.
+The ranks share nothing but sums over their points.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from dd_macro import Metric
+from dd_macro.parallel import total
+
+__all__ = ["cluster"]
+
+Array = NDArray[np.float64]
+_MOVES, _TIE, _NOTHING = 8, 1e-6, 1e-8
+_GENERIC = np.array([1.0, 0.83, 0.71, 0.59, 0.47, 0.37])
+"""No symmetry of a scene leaves it as it is: it says which of two ends of a line comes first."""
+
+
+def cluster(
+    comm: MPI.Comm, strain: Array, weights: Array, data: Array, *, count: int, metric: Metric
+) -> tuple[Array, NDArray[np.int64]]:
+    """At most ``count`` new strains (k, 6) for points of ``strain`` (n, 6), and the datum that each one started from.
+
+    Points (of all ranks) have volumes ``weights`` (n,), ``data`` (N, 6) are the strains that have a datum already.
+    """
+    x, fixed = strain @ metric.factor, data @ metric.factor
+    centres = fixed
+    parent = np.arange(len(fixed))
+    owner, r2 = _assign(x, fixed)
+    scale = float(total(comm, weights @ (x**2).sum(axis=1)) / total(comm, weights.sum()))
+    for _ in range(count):
+        cost = total(comm, np.bincount(owner, weights * r2**2, minlength=len(centres)))
+        if cost.max() <= (_NOTHING * scale) ** 2 * float(total(comm, weights.sum())):
+            break
+        split = int(np.flatnonzero(cost >= (1 - _TIE) * cost.max())[0])  # the first of those equal but for round-off
+        mine = owner == split
+        off, share = x[mine] - centres[split], (weights * r2)[mine]
+        scatter = total(comm, np.einsum("n,ni,nj->ij", share, off, off))
+        axes = np.linalg.eigh(scatter).eigenvectors
+        axis = axes[:, -1] * np.where(axes[:, -1] @ _GENERIC < 0, -1.0, 1.0)
+        along = off @ axis
+        sides = (along > 0, along <= 0)
+        ends = [total(comm, [share[i] @ along[i] ** 2, share[i].sum(), *(share[i] @ off[i])]) for i in sides]
+        end = ends[1] if ends[1][0] > (1 + _TIE) * ends[0][0] else ends[0]
+        if end[1] <= 0:
+            break
+        centres = np.vstack([centres, centres[split] + end[2:] / end[1]])
+        parent = np.append(parent, parent[split])
+        nearer = ((x - centres[-1]) ** 2).sum(axis=1)
+        owner = np.where(nearer < r2, len(centres) - 1, owner)
+        r2 = np.minimum(r2, nearer)
+    old = len(fixed)
+    for _ in range(_MOVES):
+        share = weights * r2
+        mass = np.bincount(owner, share, minlength=len(centres))
+        moment = np.column_stack([np.bincount(owner, share * column, minlength=len(centres)) for column in x.T])
+        sums = total(comm, np.column_stack([mass, moment]))[old:]
+        moved = sums[:, 0] > 0
+        centres[old:][moved] = sums[moved, 1:] / sums[moved, :1]
+        owner, r2 = _assign(x, centres)
+    return centres[old:] @ np.linalg.inv(metric.factor), parent[old:]
+
+
+def _assign(x: Array, centres: Array) -> tuple[NDArray[np.int64], Array]:
+    """The nearest centre (n,) of points (n, 6), and the square of the distance."""
+    distance, owner = cKDTree(centres).query(x)
+    return np.asarray(owner, dtype=np.int64), np.asarray(distance) ** 2
