@@ -196,7 +196,8 @@ def test_flat_sheet_needs_no_force_to_stay_flat(tsgdd, read_summary, tmp_path):
     assert read_summary(tmp_path / "flat")["midplane_force"] < 1e-9
 
 
-def test_killed_paper_goes_on_and_reports(program, tsgdd, read_summary, is_png, tmp_path):
+def test_killed_paper_goes_on_and_reports(program, tsgdd, read_summary, is_png, tmp_path, monkeypatch):
+    monkeypatch.setattr("workflows.bench_frontier._REPEATS", 1)
     arguments = ("paper", *SMALL, "--largest", 2, "--sizes", 2, "--draws", 1, "--out", tmp_path)
     process = subprocess.Popen(
         [program, *map(str, arguments)], stdout=subprocess.DEVNULL, env=os.environ | {"OMP_NUM_THREADS": "1"}
