@@ -34,7 +34,7 @@ def plot_causes(rows: Sequence[Mapping[str, Any]], symbol: str) -> Figure:
         figure = new_figure(14, 1.6 + 0.4 * len(rows))
         for axes, (label, *series) in zip(figure.subplots(1, 2, sharey=True), panels, strict=True):
             for name, title, colour, marker in series:
-                values = np.array([100 * row[name] for row in rows])
+                values = np.array([np.nan if row[name] is None else 100 * row[name] for row in rows])
                 axes.plot(values, place, marker, color=colour, label=title)
                 axes.axvline(values[0], color=colour, linewidth=0.8, linestyle=":")
             axes.set_xscale("log")

@@ -9,11 +9,12 @@ from typing import Any
 
 import dd_macro as dd
 from tsg_micro.dataset import Dataset, convert_dataset, read_dataset
+from tsg_micro.errors import ConvergenceError
 from tsg_micro.files import output_folder
 from workflows.loads import SYMBOLS
 from workflows.record import write_summary, write_table
 from workflows.reference import read_blocks
-from workflows.trial import Inputs, Study, make_bench
+from workflows.trial import COLUMNS, Bench, Inputs, Study, make_bench
 
 __all__ = ["causes"]
 
@@ -48,10 +49,12 @@ def causes(study: Study, *, plots: bool = True) -> dict[str, Any]:
     for change in _changes(study, found):
         blocks = read_blocks(change.dns, change.material.stress_measure)
         bench = make_bench(found.scene, change.metric, change.material, blocks)
-        row, _ = bench.solve(change.material)
-        own, _ = bench.solve(blocks)
+        row, own = _solve(bench, change.material), _solve(bench, blocks)
         named = {"cause": change.cause, "change": change.change, "against": change.against}
         rows.append(named | {"data": len(change.material)} | row | {f"own_{name}": own[name] for name in _OWN})
+        if row["error_mech"] is None or own["distance"] is None:
+            study.say(f"{change.cause:14} {change.change:42} did not converge")
+            continue
         study.say(
             f"{change.cause:14} {change.change:42} error of {SYMBOLS[load]}: mechanical {row['error_mech']:6.1%}, "
             f"material {row['error_mat']:6.1%}; distance {row['distance']:5.1%}, own data {own['distance']:5.1%}"
@@ -59,7 +62,10 @@ def causes(study: Study, *, plots: bool = True) -> dict[str, Any]:
     write_table(out / "causes.csv", rows)
     base = {row["change"]: row for row in rows}
     drops = {
-        name: max(((base[row["against"]][name] - row[name], row) for row in rows[1:]), key=lambda found: found[0])
+        name: max(
+            ((base[row["against"]][name] - row[name], row) for row in rows[1:] if row[name] is not None),
+            key=lambda found: found[0],
+        )
         for name in ("error_mech", "error_mat")
     }
     summary = write_summary(
@@ -80,6 +86,14 @@ def causes(study: Study, *, plots: bool = True) -> dict[str, Any]:
 
         save_figure(plot_causes(rows, SYMBOLS[load]), out / "causes.png")
     return summary
+
+
+def _solve(bench: Bench, dataset: Dataset) -> dict[str, float | None]:
+    """The figures of a solve; None where it did not converge, which is an answer too."""
+    try:
+        return dict(bench.solve(dataset)[0])
+    except ConvergenceError:
+        return dict.fromkeys(COLUMNS)
 
 
 def _changes(study: Study, found: Inputs) -> Iterator[_Change]:

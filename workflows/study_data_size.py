@@ -18,13 +18,13 @@ from workflows.checkpoint import fingerprint
 from workflows.loads import SYMBOLS
 from workflows.record import read_summary, write_summary, write_table
 from workflows.reference import describe, read_blocks
-from workflows.trial import Bench, Row, Study, make_bench
+from workflows.trial import COLUMNS, Bench, Row, Study, make_bench
 
 __all__ = ["FIGURES", "data_size", "sizes_of"]
 
 Array = NDArray[np.float64]
 
-FIGURES = ("error_mech", "error_mat", "error_mech_all", "error_mat_all", "distance", "distance_all")
+FIGURES = COLUMNS[:6]
 """What is measured of every solve, relative (l2); without ``_all`` the outer blocks are left out."""
 
 

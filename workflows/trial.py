@@ -19,9 +19,17 @@ from workflows.reference import check_same_scene, solution_errors
 from workflows.scene import Scene, make_metric, read_material
 from workflows.stages import Stages
 
-__all__ = ["Bench", "Inputs", "Row", "Study", "make_bench"]
+__all__ = ["COLUMNS", "Bench", "Inputs", "Row", "Study", "make_bench"]
 
 Row = dict[str, float]
+
+COLUMNS = (
+    *("error_mech", "error_mat", "error_mech_all", "error_mat_all", "distance", "distance_all"),
+    *("iterations", "seconds", "seconds_search", "seconds_linear_solves"),
+)
+"""Names of a row; errors and distances are relative, without ``_all`` the outer blocks are left out."""
+_PATIENT = dd.SolverOptions(max_iterations=1000)
+"""A metric that is far too stiff needs hundreds of iterations."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +130,7 @@ class Bench:
         """
         begin = time.perf_counter()
         metric = self.projection.metric
-        result = dd.solve(self.projection, dd.MaterialSearch(dataset, metric), start=start)
+        result = dd.solve(self.projection, dd.MaterialSearch(dataset, metric), start=start, options=_PATIENT)
         seconds = time.perf_counter() - begin
         row = solution_errors(self.operator, metric, result, self.blocks).row(self.symbol)
         row["iterations"] = result.iterations
