@@ -41,7 +41,7 @@ def causes(study: Study, *, plots: bool = True) -> dict[str, Any]:
 
     Raises:
         InputError: an argument or a file is not valid.
-        ConvergenceError: a solve did not converge.
+        ConvergenceError: a stage, or the solve with nothing changed, did not converge.
     """
     out, load = output_folder(study.out), study.load
     found = study.prepare()
@@ -60,10 +60,16 @@ def causes(study: Study, *, plots: bool = True) -> dict[str, Any]:
             f"material {row['error_mat']:6.1%}; distance {row['distance']:5.1%}, own data {own['distance']:5.1%}"
         )
     write_table(out / "causes.csv", rows)
+    if rows[0]["error_mech"] is None:
+        raise ConvergenceError("study causes: the solve with nothing changed did not converge")
     base = {row["change"]: row for row in rows}
     drops = {
         name: max(
-            ((base[row["against"]][name] - row[name], row) for row in rows[1:] if row[name] is not None),
+            (
+                (base[row["against"]][name] - row[name], row)
+                for row in rows[1:]
+                if None not in (row[name], base[row["against"]][name])
+            ),
             key=lambda found: found[0],
         )
         for name in ("error_mech", "error_mat")
