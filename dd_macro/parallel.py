@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from tsg_micro.errors import InputError
 from tsg_micro.files import atomic_path
 
-__all__ = ["atomic_path_of_all", "check_everywhere", "in_turn", "total"]
+__all__ = ["atomic_path_of_all", "check_everywhere", "in_turn", "together", "total"]
 
 
 def total(comm: MPI.Comm, value: ArrayLike) -> NDArray[np.float64]:
@@ -79,3 +79,14 @@ def atomic_path_of_all(comm: MPI.Comm, path: str | Path) -> Iterator[Path]:
     except OSError as error:
         message = f"output {path}: cannot be written ({error.strerror})"
     check_everywhere(comm, message)
+
+
+def together[T](comm: MPI.Comm, action: Callable[[], T]) -> T:
+    """What ``action`` returns on each rank; bad input that only some ranks see is raised on all of them."""
+    message = None
+    try:
+        result = action()
+    except InputError as error:
+        message = str(error)
+    check_everywhere(comm, message)
+    return result

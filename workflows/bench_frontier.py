@@ -68,8 +68,8 @@ def frontier(study: Study, *, plots: bool = True) -> dict[str, Any]:
         pass
 
     points: list[_Point] = []
+    order = np.random.default_rng([0, len(dataset)]).permutation(len(dataset))
     for size in sorted({max(1, len(dataset) // 100), max(1, len(dataset) // 10), len(dataset)}):
-        order = np.random.default_rng([0, len(dataset)]).permutation(len(dataset))
         for point in _solve_all(scene, take(dataset, np.sort(order[:size])), blocks, per_datum):
             points.append(point)
             shown = point.note if point.error_mech is None else f"error of {SYMBOLS[load]} {point.error_mech:.1%}"

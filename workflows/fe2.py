@@ -15,7 +15,7 @@ import numpy as np
 from mpi4py import MPI
 
 import dd_macro as dd
-from dd_macro.parallel import check_everywhere, total
+from dd_macro.parallel import together, total
 from tsg_micro.errors import InputError
 from tsg_micro.files import output_folder
 from workflows.loads import LOADS
@@ -52,7 +52,7 @@ def fe2(
         raise InputError(f"steps: expected at least 1, got {steps}")
     begin = time.perf_counter()
     law = RVELaw(sheet_rve(bar_force))
-    _prepare(comm, out)
+    together(comm, lambda: output_folder(out) if comm.rank == 0 else None)
 
     domain = scene.build(comm)
     operator = dd.StrainOperator(domain)
@@ -138,17 +138,6 @@ def as_data_driven(result: dd.ReferenceResult) -> dd.DataDrivenResult:
         reason="a law at every point",
         history=(),
     )
-
-
-def _prepare(comm: MPI.Comm, out: Path) -> None:
-    """The output folder, made by rank 0; what is wrong with it is raised on all ranks."""
-    message = None
-    try:
-        if comm.rank == 0:
-            output_folder(out)
-    except InputError as error:
-        message = str(error)
-    check_everywhere(comm, message)
 
 
 def _mean_tangent(comm: MPI.Comm, operator: dd.StrainOperator, result: dd.ReferenceResult) -> np.ndarray:

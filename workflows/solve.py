@@ -11,7 +11,7 @@ from typing import Any
 from mpi4py import MPI
 
 import dd_macro as dd
-from dd_macro.parallel import check_everywhere, total
+from dd_macro.parallel import together, total
 from tsg_micro.dataset import Dataset, convert_dataset, read_dataset, write_dataset
 from tsg_micro.errors import InputError
 from tsg_micro.files import output_folder
@@ -52,8 +52,8 @@ def solve(
     order = order or (1 if adaptation is None else 2)
     if order not in (1, 2) or (adaptation is not None and order == 1):
         raise InputError(f"order: expected {'1 or ' * (adaptation is None)}2, got {order}")
-    dataset = _together(comm, lambda: _material(data, scene, metric, stress_measure, adaptation))
-    _together(comm, lambda: output_folder(out) if comm.rank == 0 else None)
+    dataset = together(comm, lambda: _material(data, scene, metric, stress_measure, adaptation))
+    together(comm, lambda: output_folder(out) if comm.rank == 0 else None)
 
     begin = time.perf_counter()
     domain = scene.build(comm)
@@ -69,7 +69,7 @@ def solve(
         chosen = ready = start
 
         def keep(found: Dataset) -> None:
-            _together(comm, lambda: write_dataset(out / "data.h5", found) if comm.rank == 0 else None)
+            together(comm, lambda: write_dataset(out / "data.h5", found) if comm.rank == 0 else None)
 
         say(f"{operator.global_dofs} unknowns on {ranks}")
         material: dict[str, Any] = {"dataset": dataset, "metric": metric, "measure": stress_measure}
@@ -165,17 +165,6 @@ def _material(
     if dataset is not None:
         convert_dataset(dataset, stress_measure or dataset.stress_measure)
     return dataset
-
-
-def _together[T](comm: MPI.Comm, action: Callable[[], T]) -> T:
-    """What ``action`` returns on each rank; bad input that only some ranks see is raised on all of them."""
-    message = None
-    try:
-        result = action()
-    except InputError as error:
-        message = str(error)
-    check_everywhere(comm, message)
-    return result
 
 
 def _draw(out: Path, result: dd.DataDrivenResult) -> None:
