@@ -13,6 +13,8 @@ __all__ = ["check_alone", "leave", "under_mpirun", "world"]
 _LAUNCHERS = ("PMI_SIZE", "PMIX_RANK", "OMPI_COMM_WORLD_SIZE", "MPI_LOCALNRANKS")
 _SIZE = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE")
 _PATIENCE = 10.0
+_DELIVERY = 1.0
+"""Seconds for the launcher to pass on what a rank printed; it may drop what is on the way when a rank aborts."""
 
 
 def under_mpirun() -> bool:
@@ -65,6 +67,7 @@ def leave(message: str, code: int) -> None:
             sys.exit(code)
         time.sleep(0.01)
     print(f"rank {mpi.COMM_WORLD.rank}: {message}", file=sys.stderr, flush=True)
+    time.sleep(_DELIVERY)
     mpi.COMM_WORLD.Abort(code)
     time.sleep(_PATIENCE)  # Abort may come back before the launcher has ended this rank
     os._exit(code)

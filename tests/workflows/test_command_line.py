@@ -268,10 +268,10 @@ def test_what_one_rank_alone_gets_wrong_ends_all(mpirun, program, chain, tmp_pat
 
     code, err = second_rank("--data", tmp_path / "none.h5")  # a disk that only the first rank's machine has
     assert code == 2
-    assert err.count("none.h5: no such file") == 1
+    assert err.count("none.h5: no such file") == 1, err
     code, err = second_rank("--stretchy")  # it leaves before MPI starts, where the first rank waits
     assert code == 2
-    assert err.count("rank 1: tsgdd: No such option: --stretchy") == 1
+    assert err.count("rank 1: tsgdd: No such option: --stretchy") == 1, err
 
 
 LOADED = """
