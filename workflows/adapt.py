@@ -207,7 +207,7 @@ def adapt(
             raise ConvergenceError("RVE: expected equilibrium in its reference state, got none")
         keep(known)
         C = make_metric(metric, operator, known, conditions)
-        projection, search = dd.Projection(operator, C, conditions), dd.TangentSearch(known, C)
+        projection, search = dd.make_projection(operator, C, conditions), dd.TangentSearch(known, C)
         result = dd.solve_second_order(projection, search, start=z, options=options)
         last, z = z, result.mechanical
         change = None if last is None else _change(comm, w, C, z, last)

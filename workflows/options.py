@@ -13,6 +13,8 @@ __all__ = [
     "BarForce",
     "Box",
     "Images",
+    "Kinematics",
+    "KinematicsName",
     "Load",
     "Measure",
     "Out",
@@ -50,6 +52,13 @@ class Measure(StrEnum):
     cauchy = "cauchy"
 
 
+class KinematicsName(StrEnum):
+    """Kinematics of the macroscopic scene."""
+
+    small = "small"
+    finite = "finite"
+
+
 class Images(StrEnum):
     """What members on opposite faces of an RVE become."""
 
@@ -62,6 +71,7 @@ OutOrDefault = Annotated[Path | None, typer.Option("--out", help="Output folder;
 OutFile = Annotated[Path, typer.Option("--out", help="Output file, .h5.")]
 BarForce = Annotated[float, typer.Option(help="Compression of the bars at rest, f_b, in N.")]
 Strain = Annotated[float, typer.Option(help="Displacement of the top side over the height of the sheet.")]
+Kinematics = Annotated[KinematicsName, typer.Option(help="Strain of the macroscopic scene: small or finite.")]
 Plots = Annotated[bool, typer.Option("--plots/--no-plots", help="Draw the figures and write the ParaView file.")]
 
 

@@ -14,25 +14,33 @@ from tsg_micro.errors import InputError
 from tsg_micro.mandel import from_mandel
 from workflows.loads import check_load, check_reach, nominal_component, top_displacement
 
-__all__ = ["BLOCK", "METRICS", "Scene", "check_metric", "make_metric", "read_material", "with_tangents"]
+__all__ = ["BLOCK", "KINEMATICS", "METRICS", "Scene", "check_metric", "make_metric", "read_material", "with_tangents"]
 
 BLOCK = 20e-6
 """Edge of a 2x2x2-cell block, m (paper: cell height 10 um)."""
 METRICS = ("auto", "tangent", "visited", "secant")
 """The data's default, the mean tangent of all data or of those that the scene visits, the secant modulus."""
 
+KINEMATICS = ("small", "finite")
+
 
 @dataclass(frozen=True)
 class Scene:
-    """What is loaded, and how: a box of one element a block, or the hexahedra of a gmsh file."""
+    """What is loaded, and how: a box of one element a block, or the hexahedra of a gmsh file.
+
+    ``kinematics`` is "small" or "finite" strain.
+    """
 
     load: str
     strain: float
     elements: tuple[int, int, int] | None = None
     mesh: Path | None = None
+    kinematics: str = "small"
 
     def __post_init__(self) -> None:
         check_load(self.load, self.strain)
+        if self.kinematics not in KINEMATICS:
+            raise InputError(f"kinematics: expected {' or '.join(KINEMATICS)}, got {self.kinematics!r}")
         if (self.elements is None) == (self.mesh is None):
             raise InputError("elements, mesh: expected one of them, --elements NX NY NZ or --mesh FILE.msh")
 
@@ -42,6 +50,10 @@ class Scene:
             return dd.read_msh(self.mesh, comm)
         assert self.elements is not None
         return dd.box(comm, elements=self.elements, size=tuple(BLOCK * n for n in self.elements))  # type: ignore[arg-type]
+
+    def operator(self, domain: dd.TaggedMesh) -> dd.StrainOperator:
+        """B and W of the mesh, of its strains or of its gradients."""
+        return dd.GradientOperator(domain) if self.kinematics == "finite" else dd.StrainOperator(domain)
 
     def conditions(self, domain: dd.TaggedMesh) -> list[dd.Displacement]:
         """Bottom side held, top side moved by the strain times the height of the mesh; collective."""
@@ -76,10 +88,14 @@ def make_metric(
 def read_material(data: Path, scene: Scene, stress_measure: str | None = None) -> Dataset:
     """The data in the measure asked for; InputError where they do not reach the nominal strain of the scene.
 
+    In finite strain they are Biot strains and stresses, whatever the measure.
     Data that were adapted to this load, up to this strain or more, hold what its scene needs, whatever their range.
     """
     dataset = read_dataset(data)
-    dataset = convert_dataset(dataset, stress_measure or dataset.stress_measure)
+    if scene.kinematics == "finite":
+        dataset = dd.biot_dataset(dataset)
+    else:
+        dataset = convert_dataset(dataset, stress_measure or dataset.stress_measure)
     for source in dataset.parameters.get("joined", [dataset.parameters]):
         made_for = source.get("adapted")
         if isinstance(made_for, dict) and made_for["load"] == scene.load and 0 < scene.strain / made_for["strain"] <= 1:
