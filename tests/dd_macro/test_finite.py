@@ -242,6 +242,7 @@ def test_shown_in_space(operator, data):
     scene = FiniteProjection(operator, METRIC, pulled(2e-6))
     result = solve(scene, MaterialSearch(data, METRIC))
     shown, z = in_space(result), result.mechanical
+    assert isinstance(z, FiniteState)
     np.testing.assert_allclose(shown.mechanical.stress, to_mandel(z.first_piola), atol=1e-9)
     np.testing.assert_allclose(shown.mechanical.strain, to_mandel(z.F - np.eye(3)), atol=1e-14)
     cauchy = in_space(result, "cauchy").mechanical.stress
