@@ -8,7 +8,9 @@ from dd_macro.boundary import Displacement, Traction
 from dd_macro.compare import BlockStress, Comparison, FieldError, compare_blocks, interior_blocks
 from dd_macro.compat import KernelError
 from dd_macro.estimated import estimate_tangents
+from dd_macro.finite import FiniteProjection, FiniteState, biot_dataset, in_space, make_projection
 from dd_macro.fitting import fit_linear, fit_polynomial, mirrors_of
+from dd_macro.kinematics import FiniteStrain
 from dd_macro.laws import FitReport, Law, LinearLaw, PolynomialEnergy
 from dd_macro.mesh import SIDES, TaggedMesh, box, read_msh
 from dd_macro.metric import Metric, isotropic, mean_tangent, metric_from_dataset, secant_modulus
@@ -18,7 +20,7 @@ from dd_macro.reference import NewtonIteration, ReferenceOptions, ReferenceResul
 from dd_macro.search import MaterialSearch
 from dd_macro.second_order import SecondOrderOptions, SecondOrderResult, solve_second_order
 from dd_macro.solver import DataDrivenResult, Iteration, SolverOptions, solve
-from dd_macro.spaces import StrainOperator, TangentMatrix
+from dd_macro.spaces import GradientOperator, StrainOperator, TangentMatrix
 from dd_macro.tangent_search import TangentSearch
 from dd_macro.visited import visited_tangent
 from dd_macro.vtkhdf import write_vtkhdf
@@ -30,7 +32,11 @@ __all__ = [
     "DataDrivenResult",
     "Displacement",
     "FieldError",
+    "FiniteProjection",
+    "FiniteState",
+    "FiniteStrain",
     "FitReport",
+    "GradientOperator",
     "Iteration",
     "KernelError",
     "Law",
@@ -52,13 +58,16 @@ __all__ = [
     "TangentMatrix",
     "TangentSearch",
     "Traction",
+    "biot_dataset",
     "box",
     "compare_blocks",
     "estimate_tangents",
     "fit_linear",
     "fit_polynomial",
+    "in_space",
     "interior_blocks",
     "isotropic",
+    "make_projection",
     "mean_tangent",
     "metric_from_dataset",
     "mirrors_of",

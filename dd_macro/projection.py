@@ -67,6 +67,7 @@ class Projection:
         self.fixed, self.prescribed = prescribed_displacement(operator, conditions)
         self.loads = nodal_forces(operator, tractions)
         self._prescribed_strain = operator.strain(self.prescribed)
+        self._modulus = operator.modulus(metric.C)
         self._linear = LinearSolver(operator, stiffness_matrix(operator, metric.C), self.fixed, prefix="dd_")
         self.solver = self._linear.name
 
@@ -87,7 +88,7 @@ class Projection:
         Raises:
             ConvergenceError: the linear solver fails.
         """
-        op, C = self.operator, self.metric.C
+        op, C = self.operator, self._modulus
         u = self.prescribed + self._linear.solve(self.loads - op.force(self._prescribed_strain @ C))
         strain = op.strain(u)
         return MechanicalState(u, np.zeros_like(u), strain, strain @ C)
@@ -99,10 +100,14 @@ class Projection:
         squares = total(self.operator.comm, [out @ out, force @ force + self.loads @ self.loads])
         return float(np.sqrt(squares[0] / squares[1])) if squares[1] > 0 else 0.0
 
-    def reaction(self, stress: Array, side: str) -> Array:
+    def reaction(self, z: MechanicalState, side: str) -> Array:
         """Force (3,) in N that the supports of ``side`` exert on the body.
 
         Raises:
             InputError: no such side.
         """
-        return support_force(self.operator, side, self.operator.force(stress) - self.loads)
+        return support_force(self.operator, side, self.operator.force(self.nominal_stress(z)) - self.loads)
+
+    def nominal_stress(self, z: MechanicalState) -> Array:
+        """The stress (n, 6) in Pa of the equations."""
+        return z.stress

@@ -17,6 +17,8 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from dd_macro.boundary import Displacement, Traction, nodal_forces, prescribed_displacement, support_force
+from dd_macro.finite import state_on
+from dd_macro.kinematics import Kinematics
 from dd_macro.laws import Law
 from dd_macro.linear import LinearSolver
 from dd_macro.parallel import total
@@ -96,7 +98,7 @@ class _State:
 
     load: float
     u: Array
-    strain: Array
+    found: Kinematics
     stress: Array
     tangent: Array
     out_of_balance: Array
@@ -145,7 +147,7 @@ def solve_law(
     except ConvergenceError as error:
         raise ConvergenceError(f"Newton's method, from load {load:.4g}: {error}", scene.history) from None
     return ReferenceResult(
-        mechanical=MechanicalState(state.u, np.zeros_like(state.u), state.strain, state.stress),
+        mechanical=state_on(state.u, state.found, state.stress),
         tangent=state.tangent,
         reactions={c.side: support_force(operator, c.side, state.out_of_balance) for c in conditions},
         residual=state.residual,
@@ -188,15 +190,17 @@ class _Scene:
         Raises:
             ConvergenceError: it was not found.
         """
-        self._factorise(state.tangent)
+        self._factorise(state)
         jump = (load - state.load) * self.prescribed
-        predicted = state.stress + np.einsum("nij,nj->ni", state.tangent, self.operator.strain(jump))
+        tangent = state.found.nominal_tangent(state.stress, state.tangent)
+        change = np.einsum("nij,nj->ni", tangent, self.operator.strain(jump))
+        predicted = state.found.nominal_stress(state.stress) + change
         step = jump + self.linear.solve(load * self.loads - self.operator.force(predicted))
         state = self._record(self.evaluate(state.u + step, load), 1.0)
         for _ in range(self.options.max_iterations):
             if state.residual <= self.options.tolerance:
                 return state
-            self._factorise(state.tangent)
+            self._factorise(state)
             state = self._search(state, self.linear.solve(-state.out_of_balance))
         if state.residual <= self.options.tolerance:
             return state
@@ -212,10 +216,13 @@ class _Scene:
             ConvergenceError: on all ranks, where the law fails on some or gives no finite numbers.
         """
         op = self.operator
-        strain = op.strain(u)
-        stress, tangent, message = np.zeros_like(strain), np.zeros((len(strain), 6, 6)), None
+        found = op.local(op.strain(u))
+        points = len(op.weights)
+        stress, tangent, message = np.zeros((points, 6)), np.zeros((points, 6, 6)), None
         try:
-            stress, tangent = self.law.stress_and_tangent(strain)
+            if found.inside_out:
+                raise ConvergenceError("expected det F > 0, got less")
+            stress, tangent = self.law.stress_and_tangent(found.strain)
             if not (np.isfinite(stress).all() and np.isfinite(tangent).all()):
                 message = "it gives numbers that are not finite"
         except Exception as error:  # whatever it is, the other ranks wait for word of it
@@ -224,14 +231,15 @@ class _Scene:
         if first < op.comm.size:
             raise ConvergenceError(f"the law fails at load {load:.4g}: {op.comm.bcast(message, root=first)}")
         loads = load * self.loads
-        out = op.force(stress) - loads
+        nominal = found.nominal_stress(stress)
+        out = op.force(nominal) - loads
         free, held = np.where(self.fixed, 0.0, out), np.where(self.fixed, out, 0.0)
-        at_points = op.weights ** (2 / 3) * np.linalg.norm(stress, axis=1)
+        at_points = op.weights ** (2 / 3) * np.linalg.norm(nominal, axis=1)
         squares = total(op.comm, [free @ free, held @ held + loads @ loads, at_points @ at_points])
         norm, reacting, gross = (float(value) for value in np.sqrt(squares))
         self._gross = max(self._gross, gross)
         scale = max(reacting, _LEAST_FORCE * self._gross)
-        return _State(load, u, strain, stress, tangent, out, norm, norm / scale if norm > 0 else 0.0)
+        return _State(load, u, found, stress, tangent, out, norm, norm / scale if norm > 0 else 0.0)
 
     def _search(self, state: _State, direction: Array) -> _State:
         """The first of the steps 1, 1/2, 1/4, ... along ``direction`` that lowers the out-of-balance force."""
@@ -256,8 +264,8 @@ class _Scene:
             self.progress(self.history[-1])
         return state
 
-    def _factorise(self, tangent: Array) -> None:
-        K = self.matrix.assemble(tangent)
+    def _factorise(self, state: _State) -> None:
+        K = self.matrix.assemble(state.found.nominal_tangent(state.stress, state.tangent))
         if self._linear is None:
             self._linear = LinearSolver(self.operator, K, self.fixed, prefix="ref_", definite=False)
         else:

@@ -16,9 +16,10 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from dd_macro.finite import FiniteProjection
 from dd_macro.parallel import total
 from dd_macro.projection import MechanicalState, Projection
-from dd_macro.second_order_steps import AlternatingStep, LocalTangentStep, Record, Step
+from dd_macro.second_order_steps import AlternatingStep, Record, Step, tangent_step
 from dd_macro.solver import DataDrivenResult, Iteration
 from dd_macro.tangent_search import SpaceProjection, TangentSearch, TangentSpaces
 from tsg_micro.errors import ConvergenceError, InputError
@@ -143,12 +144,19 @@ def solve_second_order(
         raise InputError(f"method: expected {' or '.join(get_args(Method))}, got {method!r}")
     if not np.array_equal(projection.metric.C, search.metric.C):
         raise InputError("metric: expected the same C in the projection and in the search, got two different ones")
+    if method == "alternating" and isinstance(projection, FiniteProjection):
+        raise InputError(
+            "method: expected local-tangent in finite strain, got 'alternating', which needs linear spaces"
+        )
     record = Record(projection, options.max_iterations, progress)
     try:
-        step: Step = AlternatingStep(record, options.tolerance) if method == "alternating" else LocalTangentStep(record)
-        return _iterate(record, step, search, start or projection.elastic(), options)
+        return _iterate(record, _step(record, method, options), search, start or projection.elastic(), options)
     except ConvergenceError as error:
         raise ConvergenceError(str(error), record.history) from None
+
+
+def _step(record: Record, method: Method, options: SecondOrderOptions) -> Step:
+    return AlternatingStep(record, options.tolerance) if method == "alternating" else tangent_step(record)
 
 
 def _iterate(

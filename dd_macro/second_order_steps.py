@@ -14,8 +14,11 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
+from dd_macro.finite import FiniteProjection, state_on
+from dd_macro.kinematics import FiniteStrain
 from dd_macro.linear import LinearSolver
 from dd_macro.parallel import total
 from dd_macro.projection import MechanicalState, Projection
@@ -24,7 +27,7 @@ from dd_macro.spaces import TangentMatrix
 from dd_macro.tangent_search import SpaceProjection, TangentSpaces
 from tsg_micro.errors import ConvergenceError
 
-__all__ = ["AlternatingStep", "LocalTangentStep", "Record", "Step"]
+__all__ = ["AlternatingStep", "FiniteTangentStep", "LocalTangentStep", "Record", "Step", "tangent_step"]
 
 Array = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -32,6 +35,7 @@ _log = logging.getLogger(__name__)
 _FORCING = 0.1  # part of the distance that alternating projections leave before the data are looked up again
 _BALANCE = 1e-10  # out-of-balance force of a solution, relative to all forces
 _CORRECTIONS = 50
+_HALVINGS = 8
 
 
 class Record:
@@ -171,6 +175,7 @@ class LocalTangentStep:
         )
 
     def _factorise(self, tangent: Array) -> LinearSolver:
+        """The solver of the symmetric part of the moduli ``tangent`` (n, 6, 6) or (n, 9, 9)."""
         K = self._matrix.assemble(0.5 * (tangent + tangent.swapaxes(1, 2)))
         if self._linear is None:
             scene = self.record.projection
@@ -178,3 +183,61 @@ class LocalTangentStep:
         else:
             self._linear.update()
         return self._linear
+
+
+class FiniteTangentStep(LocalTangentStep):
+    """Equilibrium in finite strain on the tangent spaces, T = T_i + D_i (U - U_i): Newton's method.
+
+    If not ``final`` it is one iteration; one that does not lower the out-of-balance force is halved.
+    """
+
+    exact = False
+
+    def __init__(self, record: Record, scene: FiniteProjection) -> None:
+        super().__init__(record)
+        self.scene = scene
+
+    def __call__(
+        self, z: MechanicalState, spaces: TangentSpaces, *, changed: int, search: float, final: bool
+    ) -> MechanicalState:
+        """The state after one iteration, or in equilibrium; its stress is that of the tangent spaces."""
+        record, clock = self.record, time.perf_counter()
+        near = SpaceProjection(spaces, self.scene.metric).closest(z.strain, z.stress)
+        distance, scene = record.size(z.strain - near[0], z.stress - near[1]), self.scene
+        state, tangent, residual = self._on(spaces, z.u)
+        for _ in range(_CORRECTIONS):
+            if final and residual <= _BALANCE:
+                return state
+            step = self._factorise(tangent).solve(scene.loads - scene.operator.force(scene.nominal_stress(state)))
+            for part in 0.5 ** np.arange(_HALVINGS):
+                trial, tangent, out = self._on(spaces, state.u + part * step)
+                if out <= (1 - 1e-4 * part) * residual or out <= _BALANCE:
+                    break
+            else:
+                break
+            state, residual = trial, out
+            record.add(distance, changed, search, clock)
+            if not final:
+                return state
+            distance, changed, search, clock = 0.0, 0, 0.0, time.perf_counter()
+        raise ConvergenceError(
+            f"local tangents in finite strain: expected equilibrium, got an out-of-balance force of {residual:.3g} of "
+            "all forces"
+        )
+
+    def _on(self, spaces: TangentSpaces, u: Array) -> tuple[MechanicalState, Array, float]:
+        """State of the nodal u on the tangent spaces, dP/dF (n, 9, 9) in Pa, out-of-balance force; inf inside out."""
+        scene = self.scene
+        found = FiniteStrain(scene.operator.strain(u))
+        stress = spaces.stress + np.einsum("nij,nj->ni", spaces.tangent, found.strain - spaces.strain)
+        nominal = found.nominal_stress(stress)
+        residual = scene.residual(nominal)
+        turned = scene.operator.comm.allreduce(found.inside_out, MPI.LOR)
+        state = state_on(u, found, stress)
+        return state, found.nominal_tangent(stress, spaces.tangent), np.inf if turned else residual
+
+
+def tangent_step(record: Record) -> LocalTangentStep:
+    """The step with local tangents that the scene's kinematics ask for."""
+    scene = record.projection
+    return FiniteTangentStep(record, scene) if isinstance(scene, FiniteProjection) else LocalTangentStep(record)

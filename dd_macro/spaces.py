@@ -3,6 +3,7 @@
 One sparse matrix holds the paper's B_e and w_e: G = B^T W, so that with Mandel vectors at the quadrature points
     strain  epsilon = B u = W^-1 G^T u                    (paper, compatibility)
     force   sum_e w_e B_e^T sigma_e = G sigma             (paper, equilibrium)
+In finite strain B u is the gradient of the displacement and sigma the first Piola stress, both with 9 components.
 All arrays are plain NumPy and hold what this rank owns: fields at quadrature points are (cells * points, ...),
 cell by cell in the local order, nodal fields are flat (3 * nodes,).
 """
@@ -21,10 +22,12 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dd_macro.compat import compile_form, geometry_nodes
+from dd_macro.kinematics import FiniteStrain, Kinematics, SmallStrain
 from dd_macro.mesh import TaggedMesh
 from tsg_micro.errors import InputError
+from tsg_micro.mandel import BASIS
 
-__all__ = ["StrainOperator", "TangentMatrix", "mandel_strain", "stiffness_matrix"]
+__all__ = ["GradientOperator", "StrainOperator", "TangentMatrix", "mandel_strain", "stiffness_matrix"]
 
 Array = NDArray[np.float64]
 
@@ -49,6 +52,8 @@ class StrainOperator:
         InputError: another degree.
     """
 
+    components = 6
+
     def __init__(self, domain: TaggedMesh, *, degree: int = 1) -> None:
         if degree not in (1, 2):
             raise InputError(f"degree: expected 1 or 2, got {degree}")
@@ -58,16 +63,31 @@ class StrainOperator:
         self.dx = ufl.Measure("dx", mesh, metadata=rule)
         self.displacements = dolfinx.fem.functionspace(mesh, ("Lagrange", degree, (3,)))
         cell = mesh.basix_cell()
-        element = basix.ufl.quadrature_element(cell, value_shape=(6,), scheme="default", degree=2 * degree + 1)
+        shape = (self.components,)
+        element = basix.ufl.quadrature_element(cell, value_shape=shape, scheme="default", degree=2 * degree + 1)
         Q = dolfinx.fem.functionspace(mesh, element)
         self.reference_points, self.reference_weights = basix.make_quadrature(cell, 2 * degree + 1)
         self.points_per_cell = len(self.reference_weights)
         self._order = Q.dofmap.list[: domain.owned_cells].reshape(-1)  # quadrature dof of each point, cell by cell
         v, tau = ufl.TestFunction(self.displacements), ufl.TrialFunction(Q)
-        self.matrix = dolfinx.fem.petsc.assemble_matrix(compile_form(ufl.inner(tau, mandel_strain(v)) * self.dx))
+        form = compile_form(ufl.inner(tau, self.expression(v)) * self.dx)
+        self.matrix = dolfinx.fem.petsc.assemble_matrix(form)
         self.matrix.assemble()
         self._at_points, self._at_nodes = self.matrix.createVecs()
         self.weights = self._jacobian() * np.tile(self.reference_weights, domain.owned_cells)
+
+    @staticmethod
+    def expression(u: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """UFL vector of B u."""
+        return mandel_strain(u)
+
+    def local(self, strain: Array) -> Kinematics:
+        """What B u (n, 6) means to the material at the quadrature points."""
+        return SmallStrain(strain)
+
+    def modulus(self, C: Array) -> Array:
+        """C (6, 6) in Pa as it stands between B u and the stress of the equations."""
+        return C
 
     @property
     def comm(self) -> MPI.Comm:
@@ -88,12 +108,12 @@ class StrainOperator:
         """Mandel strain (n, 6) at the quadrature points of the nodal displacement u (3 * nodes,) in m."""
         self._at_nodes.array[:] = u
         self.matrix.multTranspose(self._at_nodes, self._at_points)
-        return self._at_points.array.reshape(-1, 6)[self._order] / self.weights[:, None]
+        return self._at_points.array.reshape(-1, self.components)[self._order] / self.weights[:, None]
 
     def force(self, stress: Array) -> Array:
         """Nodal forces (3 * nodes,) in N of the Mandel stress (n, 6) in Pa: sum w B^T sigma."""
         values = self._at_points.array
-        values.reshape(-1, 6)[self._order] = stress
+        values.reshape(-1, self.components)[self._order] = stress
         self._at_points.array = values
         self.matrix.mult(self._at_points, self._at_nodes)
         return self._at_nodes.array.copy()
@@ -138,6 +158,30 @@ class StrainOperator:
         return np.abs(np.linalg.det(np.einsum("kqn,cni->cqik", gradients, self.cell_corners))).reshape(-1)
 
 
+class GradientOperator(StrainOperator):
+    """B and W for finite strain: B u is the gradient H of the displacement, row by row (n, 9); its stress is P (n, 9).
+
+    A modulus C acts on the symmetric part of H alone.
+    """
+
+    components = 9
+
+    @staticmethod
+    def expression(u: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """UFL vector of grad u."""
+        H = ufl.grad(u)
+        return ufl.as_vector([H[i, j] for i in range(3) for j in range(3)])
+
+    def local(self, strain: Array) -> Kinematics:
+        """Polar decomposition of I + H, H (n, 9)."""
+        return FiniteStrain(strain)
+
+    def modulus(self, C: Array) -> Array:
+        """C (6, 6) as a matrix (9, 9) in Pa."""
+        symmetric = BASIS.reshape(6, 9)
+        return np.asarray(symmetric.T @ C @ symmetric)
+
+
 def stiffness_matrix(operator: StrainOperator, C: Array) -> PETSc.Mat:
     """K = sum w B^T C B (3 * nodes square, N/m) of one symmetric C (6, 6) in Pa, no boundary conditions yet."""
     V = operator.displacements
@@ -160,17 +204,18 @@ class TangentMatrix:
         mesh = operator.domain.mesh
         u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
         degree = operator.dx.metadata()["quadrature_degree"]
-        element = basix.ufl.quadrature_element(mesh.basix_cell(), value_shape=(6, 6), scheme="default", degree=degree)
+        shape = (operator.components, operator.components)
+        element = basix.ufl.quadrature_element(mesh.basix_cell(), value_shape=shape, scheme="default", degree=degree)
         self._moduli = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, element))
         points = self._moduli.function_space.dofmap.list[: operator.domain.owned_cells]
         self._order = points.reshape(-1)  # quadrature dof of each point, cell by cell
-        stress = ufl.dot(self._moduli, mandel_strain(u))
-        self._form = compile_form(ufl.inner(mandel_strain(v), stress) * operator.dx)
+        stress = ufl.dot(self._moduli, operator.expression(u))
+        self._form = compile_form(ufl.inner(operator.expression(v), stress) * operator.dx)
         self.matrix = dolfinx.fem.petsc.create_matrix(self._form)
 
     def assemble(self, C: Array) -> PETSc.Mat:
-        """``matrix`` with the moduli C (n, 6, 6) in Pa."""
-        self._moduli.x.array.reshape(-1, 6, 6)[self._order] = C
+        """``matrix`` with the moduli C in Pa, (n, 6, 6) or with 9 components (n, 9, 9)."""
+        self._moduli.x.array.reshape(-1, *C.shape[1:])[self._order] = C
         self.matrix.zeroEntries()
         dolfinx.fem.petsc.assemble_matrix(self.matrix, self._form)
         self.matrix.assemble()

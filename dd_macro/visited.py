@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from dd_macro.boundary import Displacement, Traction
+from dd_macro.finite import make_projection
 from dd_macro.metric import Metric, mean_tangent, secant_modulus
 from dd_macro.parallel import total
-from dd_macro.projection import Projection
 from dd_macro.search import MaterialSearch
 from dd_macro.solver import SolverOptions, solve
 from dd_macro.spaces import StrainOperator
@@ -41,7 +41,9 @@ def visited_tangent(
         return secant_modulus(dataset)
     everywhere = mean_tangent(dataset)
     result = solve(
-        Projection(operator, everywhere, conditions, tractions), MaterialSearch(dataset, everywhere), options=options
+        make_projection(operator, everywhere, conditions, tractions),
+        MaterialSearch(dataset, everywhere),
+        options=options,
     )
     local = np.bincount(result.index, weights=operator.weights, minlength=len(dataset))
     volume = total(operator.comm, local)

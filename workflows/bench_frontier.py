@@ -153,7 +153,7 @@ def _law(
             begin = time.perf_counter()
             law = fit(dataset)
             domain = scene.build(MPI.COMM_SELF)
-            operator = dd.StrainOperator(domain)
+            operator = scene.operator(domain)
             result = dd.solve_law(operator, law, scene.conditions(domain))
             seconds = min(seconds, time.perf_counter() - begin)
     except (ConvergenceError, InputError) as error:

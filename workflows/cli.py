@@ -14,7 +14,12 @@ from workflows import cli_fe2, cli_scenes, cli_study
 from workflows.options import (
     BarForce,
     Box,
+    Clamp,
+    ClampName,
+    Degree,
     Images,
+    Kinematics,
+    KinematicsName,
     Load,
     Measure,
     Out,
@@ -154,7 +159,12 @@ def solve(
     adapt_tolerance: Annotated[
         float | None, typer.Option(help="With --adapt: estimated error that ends it; 0.005 if not given.")
     ] = None,
-    stress_measure: Annotated[Measure | None, typer.Option(help="Stress to solve in; else that of the data.")] = None,
+    kinematics: Kinematics = KinematicsName.small,
+    clamp: Clamp = ClampName.full,
+    degree: Degree = 1,
+    stress_measure: Annotated[
+        Measure | None, typer.Option(help="Stress to solve in, or to write in finite strain; else that of the data.")
+    ] = None,
     max_iterations: Annotated[int, typer.Option(help="Fixed-point iterations at most.")] = 300,
     over_relaxation: Annotated[float, typer.Option(help="Factor w of a query at y + w (z - y), 1 <= w < 2.")] = 1.7,
     plots: Plots = True,
@@ -168,7 +178,7 @@ def solve(
     summary = run(
         out,
         data=data,
-        scene=Scene(load.value, strain, elements=elements, mesh=mesh),
+        scene=Scene(load.value, strain, elements, mesh, kinematics.value, clamp.value, degree),
         metric=metric,
         order=order,
         stress_measure=None if stress_measure is None else stress_measure.value,

@@ -1,6 +1,6 @@
 """tsgdd fe2: Newton's method on the macroscale with an RVE at every quadrature point, on any number of MPI ranks.
 
-It has the kinematics and the stress of the data-driven solve and no data: what separates it from the full tensegrity
+It has the kinematics of the data-driven solve and no data: what separates it from the full tensegrity
 is the macroscopic model, what separates a data-driven solution from it is the data.
 """
 
@@ -55,7 +55,7 @@ def fe2(
     together(comm, lambda: output_folder(out) if comm.rank == 0 else None)
 
     domain = scene.build(comm)
-    operator = dd.StrainOperator(domain)
+    operator = scene.operator(domain)
     conditions = scene.conditions(domain)
     points = int(total(comm, len(operator.weights)))
     say(f"{operator.global_dofs} unknowns, {points} RVEs on {comm.size} rank{'s' * (comm.size > 1)}")
@@ -70,9 +70,9 @@ def fe2(
 
     # strains and stresses do not need the metric; the ParaView file measures its distances, all zero, with it
     metric = dd.Metric(_mean_tangent(comm, operator, result), "mean tangent of the solution")
-    solution = as_data_driven(result)
+    solution = dd.in_space(as_data_driven(result), MEASURE)
     dd.write_quadrature(out / "quadrature.h5", operator, solution, stress_measure=MEASURE)
-    dd.write_vtkhdf(out / "fields.vtkhdf", dd.Projection(operator, metric, conditions), solution)
+    dd.write_vtkhdf(out / "fields.vtkhdf", dd.make_projection(operator, metric, conditions), solution)
     numbers = law.effort.numbers()
     _, asked, solves, iterations, factorisations, seconds_rve = total(comm, numbers)
     slowest = comm.allreduce(float(numbers[-1]), MPI.MAX)
@@ -105,10 +105,7 @@ def fe2(
         "peak_memory": (comm.allreduce(peak_memory(), MPI.MAX), "B"),
     }
     parameters = {
-        "load": scene.load,
-        "strain": scene.strain,
-        "elements": scene.elements,
-        "mesh": scene.mesh,
+        **scene.parameters(),
         "bar_force": bar_force,
         "steps": steps,
     }

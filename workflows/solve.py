@@ -41,7 +41,9 @@ def solve(
     With ``order`` 1 a datum is a point, with 2 its tangent space; data without tangents get estimated ones then. With
     ``adaptation`` the scene decides which RVEs are computed as more data, and ``data`` may be None; the order is 2.
 
-    Writes quadrature.h5, fields.vtkhdf, figures and summary.json into ``out``, with ``adaptation`` data.h5 too.
+    In small strain ``stress_measure`` is the stress to solve in, that of the data if None; in finite strain it is the
+    one to write, first Piola if None. Writes quadrature.h5, fields.vtkhdf, figures and summary.json into ``out``, with
+    ``adaptation`` data.h5 too.
 
     Raises:
         InputError: an argument or a file is not valid, or the scene's strain is outside the data.
@@ -57,7 +59,7 @@ def solve(
 
     begin = time.perf_counter()
     domain = scene.build(comm)
-    operator = dd.StrainOperator(domain)
+    operator = scene.operator(domain)
     conditions = scene.conditions(domain)
     start = time.perf_counter()
     ranks = f"{comm.size} rank{'s' * (comm.size > 1)}"
@@ -72,7 +74,8 @@ def solve(
             together(comm, lambda: write_dataset(out / "data.h5", found) if comm.rank == 0 else None)
 
         say(f"{operator.global_dofs} unknowns on {ranks}")
-        material: dict[str, Any] = {"dataset": dataset, "metric": metric, "measure": stress_measure}
+        measure = "first_piola" if scene.kinematics == "finite" else stress_measure
+        material: dict[str, Any] = {"dataset": dataset, "metric": metric, "measure": measure}
         adapted = adapt(operator, conditions, adaptation, scene=scene, **material, options=most, keep=keep, say=say)
         result, dataset, projection, search = adapted.result, adapted.dataset, adapted.projection, adapted.search
         C = projection.metric
@@ -80,7 +83,7 @@ def solve(
         assert dataset is not None
         C = make_metric(metric, operator, dataset, conditions)
         chosen = time.perf_counter()
-        projection = dd.Projection(operator, C, conditions)
+        projection = dd.make_projection(operator, C, conditions)
         search = dd.MaterialSearch(dataset, C) if order == 1 else dd.TangentSearch(with_tangents(dataset), C)
         ready = time.perf_counter()
         say(f"{operator.global_dofs} unknowns on {ranks}, {projection.solver}; metric: {C.reason}")
@@ -91,9 +94,11 @@ def solve(
     done = time.perf_counter()
     say(f"{result.iterations} iterations ({result.reason}), normalised distance {result.normalised_distance:.2%}")
 
-    reaction = projection.reaction(result.mechanical.stress, "top")[LOADS[scene.load]]
-    dd.write_quadrature(out / "quadrature.h5", operator, result, stress_measure=dataset.stress_measure)
-    dd.write_vtkhdf(out / "fields.vtkhdf", projection, result)
+    reaction = projection.reaction(result.mechanical, "top")[LOADS[scene.load]]
+    measure = (stress_measure if scene.kinematics == "finite" else None) or dataset.stress_measure
+    shown = dd.in_space(result, measure)
+    dd.write_quadrature(out / "quadrature.h5", operator, shown, stress_measure=measure)
+    dd.write_vtkhdf(out / "fields.vtkhdf", projection, shown)
     points = int(total(comm, len(operator.weights)))
     queries, skips = (int(n) for n in total(comm, [search.queries, search.skips]))
     figures = {
@@ -108,7 +113,7 @@ def solve(
         "data_points": (len(dataset), ""),
         "dofs": (operator.global_dofs, ""),
         "ranks": (comm.size, ""),
-        "stress_measure": (dataset.stress_measure, ""),
+        "stress_measure": (measure, ""),
         "metric": (C.C, "Pa"),
         "metric_reason": (C.reason, ""),
         "linear_solver": (projection.solver, ""),
@@ -130,10 +135,7 @@ def solve(
         figures |= adapted.figures()
     parameters = {
         "data": data,
-        "load": scene.load,
-        "strain": scene.strain,
-        "elements": scene.elements,
-        "mesh": scene.mesh,
+        **scene.parameters(),
         "metric": metric,
         "order": order,
         "stress_measure": stress_measure,
@@ -159,10 +161,12 @@ def _material(
             raise InputError("data: expected a file, or --adapt with --bar-force, got neither")
         return read_material(data, scene, stress_measure)
     dataset = None if data is None else read_dataset(data)
+    if dataset is not None and scene.kinematics == "finite":
+        dataset = dd.biot_dataset(dataset)
     known_bar_force(adaptation, dataset)
     if dataset is None and metric == "secant":
         raise InputError("metric: expected auto, tangent or visited where there are no data, got 'secant'")
-    if dataset is not None:
+    if dataset is not None and scene.kinematics == "small":
         convert_dataset(dataset, stress_measure or dataset.stress_measure)
     return dataset
 

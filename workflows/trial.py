@@ -132,7 +132,8 @@ class Bench:
         metric = self.projection.metric
         result = dd.solve(self.projection, dd.MaterialSearch(dataset, metric), start=start, options=_PATIENT)
         seconds = time.perf_counter() - begin
-        row = solution_errors(self.operator, metric, result, self.blocks).row(self.symbol)
+        shown = dd.in_space(result, self.blocks.stress_measure)
+        row = solution_errors(self.operator, metric, shown, self.blocks).row(self.symbol)
         row["iterations"] = result.iterations
         row["seconds"] = seconds
         row["seconds_search"] = sum(i.seconds_search for i in result.history)
@@ -147,8 +148,8 @@ def make_bench(scene: Scene, metric: dd.Metric | str, dataset: Dataset, blocks: 
         InputError: no such metric, or the data give none.
     """
     domain = scene.build(MPI.COMM_SELF)
-    operator, conditions = dd.StrainOperator(domain), scene.conditions(domain)
+    operator, conditions = scene.operator(domain), scene.conditions(domain)
     if isinstance(metric, str):
         metric = make_metric(metric, operator, dataset, conditions)
-    projection = dd.Projection(operator, metric, conditions)
+    projection = dd.make_projection(operator, metric, conditions)
     return Bench(operator, conditions, projection, blocks, SYMBOLS[scene.load])

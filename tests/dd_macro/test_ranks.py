@@ -39,7 +39,7 @@ scene = dd_macro.Projection(
 )
 result = dd_macro.solve(scene, dd_macro.MaterialSearch(data, metric))
 dd_macro.write_quadrature(sys.argv[1], operator, result, stress_measure="cauchy")
-pull = scene.reaction(result.mechanical.stress, "top")
+pull = scene.reaction(result.mechanical, "top")
 if comm.rank == 0:
     print(result.iterations, result.normalised_distance, *pull)
 """

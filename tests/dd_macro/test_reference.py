@@ -207,7 +207,7 @@ def test_linear_law_gives_the_elastic_solution(operator):
     np.testing.assert_allclose(result.mechanical.u, elastic.u, atol=1e-12 * 2e-6)
     np.testing.assert_allclose(result.mechanical.stress, elastic.stress, atol=1e-9)
     for side in ("top", "bottom"):
-        pull = projection.reaction(elastic.stress, side)
+        pull = projection.reaction(elastic, side)
         np.testing.assert_allclose(result.reactions[side], pull, atol=1e-10 * np.abs(pull).max())
 
 

@@ -371,7 +371,7 @@ scene = dd_macro.Projection(operator, metric, clamps, [dd_macro.Traction("right"
 search = dd_macro.TangentSearch(data, metric, neighbours=int(sys.argv[3]))
 result = dd_macro.solve_second_order(scene, search, method=sys.argv[2])
 dd_macro.write_quadrature(sys.argv[1], operator, result, stress_measure="first_piola")
-pull = scene.reaction(result.mechanical.stress, "top")
+pull = scene.reaction(result.mechanical, "top")
 if comm.rank == 0:
     print(result.iterations, result.lookups, result.extrapolated, *pull)
 """
