@@ -2,88 +2,138 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 
 import dd_macro as dd
-from tsg_micro.dataset import Dataset, take
+from tsg_micro.dataset import take
 from tsg_micro.errors import ConvergenceError, InputError
 from tsg_micro.files import output_folder
+from workflows.frontier_methods import METHODS, Solution, adaptive
 from workflows.loads import SYMBOLS
 from workflows.record import read_summary, write_summary, write_table
-from workflows.reference import describe, read_blocks, solution_errors
-from workflows.scene import Scene, with_tangents
-from workflows.trial import Study, make_bench
+from workflows.reference import describe, read_blocks
+from workflows.scene import Scene
+from workflows.trial import Inputs, Study
 
-__all__ = ["frontier"]
+__all__ = ["MODELS", "frontier"]
 
-_METRICS = ("tangent", "visited", "secant")
-_REPEATS = 3
-"""Every point is timed as often, and the shortest time counts."""
+MODELS = (("small", "full"), ("finite", "full"), ("finite", "inplane"))
+"""Kinematics and clamps of the macroscopic model."""
+_BUDGETS = (4, 16, 64, 200)
+_REPEATS, _ENOUGH = 3, 10.0
+"""Every point is timed as often, unless that takes so many seconds; the shortest time counts."""
+_NEAR, _OWN = 0.03, 0.01
+"""The quickest point is sought among those so near to the tensegrity, and so near to FE2: not by chance."""
 
 
 @dataclass(frozen=True)
 class _Point:
-    """A way to solve the scene: what it took, and how far its p or q is from the tensegrity's (l2)."""
+    """A way to solve the scene: what it took, and how far its p or q is (l2) from the tensegrity's and from FE2's."""
 
     method: str
+    kinematics: str
+    clamp: str
     data: int
+    """Those it was given, or RVEs that it computed."""
     seconds_sampling: float
+    """For these data, or RVEs."""
     seconds_solve: float
-    """All that the scene needs once the data are there: mesh, metric or fit, matrix, iterations."""
-    error_mech: float | None
-    error_mat: float | None
-    """None: a law has no material solution."""
-    error_mech_all: float | None
-    error_mat_all: float | None
+    """All else that the scene needs: mesh, metric or fit, matrix, iterations."""
     note: str
+    error_mech: float | None = None
+    error_mat: float | None = None
+    """None: a law has no material solution."""
+    error_mech_all: float | None = None
+    error_mat_all: float | None = None
+    error_fe2: float | None = None
+    """Of the mechanical solution against FE2 of the same model: what the data leave."""
+
+    @property
+    def seconds(self) -> float:
+        return self.seconds_sampling + self.seconds_solve
+
+    @property
+    def name(self) -> str:
+        return f"{self.method}{_model(self.kinematics, self.clamp)}, {self.data} data"
 
 
-def frontier(study: Study, *, plots: bool = True) -> dict[str, Any]:
-    """Time and error of data-driven solves (numbers of data, metrics) and of laws fitted to the same data.
+def _model(kinematics: str, clamp: str) -> str:
+    """In words, if it is not the first one."""
+    return ", finite strain" * (kinematics == "finite") + ", in-plane clamps" * (clamp == "inplane")
 
-    Where the tensegrity and the data are stages, all is run on this machine and the ratios are of one run.
-    frontier.csv has a row for every point. None of the points is tuned to the reference.
+
+@dataclass(frozen=True)
+class _References:
+    """Block means of the tensegrity and, if it is there, of FE2; ``symbol`` p or q counts."""
+
+    symbol: str
+    tensegrity: dd.BlockStress
+    fe2: dd.BlockStress | None
+
+    def errors(self, mechanical: dd.BlockStress, material: dd.BlockStress | None) -> dict[str, float]:
+        """Those of a point."""
+        found = dd.compare_blocks(mechanical, material or mechanical, self.tensegrity)
+        mech, mat = (getattr(found, f"error_{self.symbol}_{name}") for name in ("mech", "mat"))
+        errors = {"error_mech": mech.l2, "error_mech_all": mech.l2_all}
+        if material is not None:
+            errors |= {"error_mat": mat.l2, "error_mat_all": mat.l2_all}
+        if self.fe2 is not None and self.fe2.stress_measure == mechanical.stress_measure:
+            data = dd.compare_blocks(mechanical, mechanical, self.fe2)
+            errors["error_fe2"] = getattr(data, f"error_{self.symbol}_mech").l2
+        return errors
+
+
+def frontier(
+    study: Study,
+    *,
+    fe2: Sequence[Path] = (),
+    models: Sequence[tuple[str, str]] = MODELS,
+    budgets: Sequence[int] = _BUDGETS,
+    plots: bool = True,
+) -> dict[str, Any]:
+    """Time and error of data-driven solves (numbers of data, metrics, tangents), adaptive ones, fitted laws, and FE2.
+
+    ``models`` are pairs of kinematics and clamps, ``budgets`` RVEs of the adaptive solves. ``fe2`` are folders of
+    ``tsgdd fe2`` for some of the models; the others are stages, as tensegrity and data are where they are not given.
+    Where all is run here, it is on one machine and the ratios are of one run. A method that fails is a point that says
+    so. frontier.csv has a row for every point. None of them is tuned to the reference.
 
     Raises:
         InputError: an argument or a file is not valid.
-        ConvergenceError: a solve did not converge.
+        ConvergenceError: the tensegrity did not converge.
     """
+    known = _known_fe2(study, fe2)
     out, load = output_folder(study.out), study.load
     found = study.prepare()
-    dataset, scene = found.dataset, found.scene
-    blocks = read_blocks(found.dns, dataset.stress_measure)
     full = read_summary(found.dns, "dns")
     sampled = read_summary(found.data, "sample")
     if sampled.get("seconds_in_file") is None:
         raise InputError(f"data: expected the time of sampling in the summary beside {found.data}, got none")
     per_datum = sampled["seconds_in_file"] / sampled["points_in_file"]
-    small = take(dataset, np.arange(min(10, len(dataset))))
-    for _ in _solve_all(scene, small, blocks, 0.0):  # kernels are compiled and libraries loaded before the clock runs
-        pass
-
     points: list[_Point] = []
-    order = np.random.default_rng([0, len(dataset)]).permutation(len(dataset))
-    for size in sorted({max(1, len(dataset) // 100), max(1, len(dataset) // 10), len(dataset)}):
-        for point in _solve_all(scene, take(dataset, np.sort(order[:size])), blocks, per_datum):
+    for kinematics, clamp in models:
+        scene = dataclasses.replace(found.scene, kinematics=kinematics, clamp=clamp)
+        for point in _points_of(study, found, scene, known.get((kinematics, clamp)), (per_datum, budgets)):
             points.append(point)
-            shown = point.note if point.error_mech is None else f"error of {SYMBOLS[load]} {point.error_mech:.1%}"
-            study.say(
-                f"{point.method:34} {point.data:6} data: {shown}, {point.seconds_solve:.2f} s and "
-                f"{point.seconds_sampling:.1f} s of sampling"
-            )
-    rows = [vars(point) for point in points]
+            study.say(f"{point.name:60} {_shown(point)}, {point.seconds_solve:.2f} + {point.seconds_sampling:.2f} s")
+    rows = [dataclasses.asdict(point) for point in points]
     write_table(out / "frontier.csv", rows)
-    best = min((p for p in points if p.error_mech is not None), key=lambda p: p.error_mech or 0.0)
+    reached = [p for p in points if p.error_mech is not None]
+    best = min(reached, key=lambda p: p.error_mech or 0.0)
+    near = [p for p in reached if (p.error_mech or 0) <= _NEAR and p.error_fe2 is not None and p.error_fe2 <= _OWN]
+    quickest = min(near, key=lambda p: p.seconds, default=None)
     summary = write_summary(
         out,
         command="bench frontier",
-        parameters=study.parameters(found),
+        parameters={**study.parameters(found), "fe2": list(fe2), "models": list(models), "budgets": list(budgets)},
         figures={
             "symbol": (SYMBOLS[load], ""),
             "dns_seconds": (full["seconds"], "s"),
@@ -91,12 +141,11 @@ def frontier(study: Study, *, plots: bool = True) -> dict[str, Any]:
             "reference": (describe(full), ""),
             "dns_machine": (full["machine"], ""),
             "points": (rows, ""),
-            "most_accurate": (f"{best.method}, {best.data} data", ""),
-            "dns_over_solve": ({_name(p): full["seconds"] / p.seconds_solve for p in points}, "1"),
-            "dns_over_all": (
-                {_name(p): full["seconds"] / (p.seconds_solve + p.seconds_sampling) for p in points},
-                "1",
-            ),
+            "most_accurate": (best.name, ""),
+            "quickest_near": (None if quickest is None else quickest.name, ""),
+            "dns_over_quickest_near": (None if quickest is None else full["seconds"] / quickest.seconds, "1"),
+            "dns_over_solve": ({p.name: full["seconds"] / p.seconds_solve for p in reached}, "1"),
+            "dns_over_all": ({p.name: full["seconds"] / p.seconds for p in reached}, "1"),
         },
     )
     if plots:
@@ -106,65 +155,106 @@ def frontier(study: Study, *, plots: bool = True) -> dict[str, Any]:
     return summary
 
 
-def _name(point: _Point) -> str:
-    return f"{point.method}, {point.data} data"
+def _shown(point: _Point) -> str:
+    if point.error_mech is None:
+        return point.note
+    return f"error {point.error_mech:.2%}" + (f", of data {point.error_fe2:.2%}" if point.error_fe2 else "")
 
 
-def _solve_all(scene: Scene, dataset: Dataset, blocks: Dataset, per_datum: float) -> Iterator[_Point]:
-    """Every method with these data; each builds all that it needs itself."""
-    sampling = per_datum * len(dataset)
-    for name in _METRICS:
-        yield _data_driven(scene, name, dataset, blocks, sampling)
-    yield _data_driven(scene, "tangent", dataset, blocks, sampling, second_order=True)
-    yield _law(scene, "linear elastic law", dd.fit_linear, dataset, blocks, sampling)
-    yield _law(scene, "polynomial energy law", dd.fit_polynomial, dataset, blocks, sampling)
+def _points_of(
+    study: Study, found: Inputs, scene: Scene, fe2: Path | None, extent: tuple[float, Sequence[int]]
+) -> Iterator[_Point]:
+    """All points of one model; ``extent``: seconds for a datum, and budgets of RVEs."""
+    per_datum, budgets = extent
+    dataset = dd.biot_dataset(found.dataset) if scene.kinematics == "finite" else found.dataset
+    methods = [method for method in METHODS if scene.kinematics in method.kinematics]
+    adapted = partial(adaptive, bar_force=study.chain.bar_force, measure=dataset.stress_measure)
+    point: Callable[..., _Point] = partial(_Point, kinematics=scene.kinematics, clamp=scene.clamp)
+    small, few = dataclasses.replace(scene, elements=(3, 3, 1)), take(dataset, np.arange(min(20, len(dataset))))
+    for run in (*(partial(method.solve, small, few) for method in methods), partial(adapted, small, budget=2)):
+        _timed(run, repeats=1)  # kernels are compiled and libraries loaded before the clock runs
 
-
-def _data_driven(
-    scene: Scene, metric: str, dataset: Dataset, blocks: Dataset, sampling: float, *, second_order: bool = False
-) -> _Point:
-    """With data as points, or with their tangent spaces."""
-    seconds = np.inf
-    for _ in range(_REPEATS):
-        begin = time.perf_counter()
-        bench = make_bench(scene, metric, dataset, blocks)
-        chosen = bench.projection.metric
-        result: dd.DataDrivenResult
-        if second_order:
-            result = dd.solve_second_order(bench.projection, dd.TangentSearch(with_tangents(dataset), chosen))
-        else:
-            result = dd.solve(bench.projection, dd.MaterialSearch(dataset, chosen))
-        seconds = min(seconds, time.perf_counter() - begin)
-    row = solution_errors(bench.operator, chosen, result, blocks).row(bench.symbol)
-    errors = {name: row[name] for name in ("error_mech", "error_mat", "error_mech_all", "error_mat_all")}
-    note = f"{result.iterations} iterations, distance {row['distance']:.1%}"
-    method = "second-order data" if second_order else f"data-driven, metric {metric}"
-    return _Point(method, len(dataset), sampling, seconds, **errors, note=note)
-
-
-def _law(
-    scene: Scene, name: str, fit: Callable[[Dataset], dd.Law], dataset: Dataset, blocks: Dataset, sampling: float
-) -> _Point:
-    """A law fitted to the data and solved by Newton's method; a fit or solve that fails is a point without errors."""
-    seconds = np.inf
-    begin = time.perf_counter()
+    measure, exact = dataset.stress_measure, None
     try:
-        for _ in range(_REPEATS):
-            begin = time.perf_counter()
-            law = fit(dataset)
-            domain = scene.build(MPI.COMM_SELF)
-            operator = scene.operator(domain)
-            result = dd.solve_law(operator, law, scene.conditions(domain))
-            seconds = min(seconds, time.perf_counter() - begin)
-    except (ConvergenceError, InputError) as error:
-        nothing = dict.fromkeys(("error_mech", "error_mat", "error_mech_all", "error_mat_all"))
+        folder = fe2 or study.chain.fe2(found.stages, scene, study.say)
+    except ConvergenceError as error:
+        yield point("FE2", data=0, seconds_sampling=0.0, seconds_solve=0.0, note=f"failed: {error}")
+    else:
+        ran, exact = read_summary(folder, "fe2"), _fe2_blocks(folder)
+        cost = {"data": ran["rve_solves"], "seconds_sampling": ran["seconds_rve"]}
+        note = f"{ran['iterations']} Newton iterations, {ran['ranks']} rank{'s' * (ran['ranks'] > 1)}"
+        own = _References(SYMBOLS[scene.load], _tensegrity(found.dns, exact.stress_measure), None).errors(exact, None)
+        yield point("FE2", **cost, seconds_solve=ran["seconds"] - ran["seconds_rve"], note=note, **own)
+    references = _References(SYMBOLS[scene.load], _tensegrity(found.dns, measure), exact)
+
+    order = np.random.default_rng([0, len(dataset)]).permutation(len(dataset))
+    for size in sorted({max(1, len(dataset) // 100), max(1, len(dataset) // 10), len(dataset)}):
+        part = take(dataset, np.sort(order[:size]))
+        for method in methods:
+            solution, seconds, note = _timed(partial(method.solve, scene, part))
+            times = {"seconds_sampling": per_datum * size, "seconds_solve": seconds}
+            yield point(method.name, data=size, note=note, **times, **_errors(solution, references, measure))
+    for budget in budgets:
+        solution, seconds, note = _timed(partial(adapted, scene, budget=budget))
+        rve = 0.0 if solution is None else solution.seconds_rve
+        rves = budget if solution is None or solution.rves is None else solution.rves
+        times = {"seconds_sampling": rve, "seconds_solve": seconds - rve}
+        yield point("adaptive from nothing", data=rves, note=note, **times, **_errors(solution, references, measure))
+
+
+def _timed(run: Callable[[], Solution], repeats: int = _REPEATS) -> tuple[Solution | None, float, str]:
+    """The solution, the shortest time in s, and what is to be said of it; None where it failed."""
+    solution, shortest, spent = None, np.inf, 0.0
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        try:
+            again = run()
+        except (ConvergenceError, InputError) as error:
+            return None, time.perf_counter() - begin, f"failed: {error}"
         seconds = time.perf_counter() - begin
-        return _Point(name, len(dataset), sampling, seconds, **nothing, note=f"failed: {error}")
+        spent += seconds
+        if seconds < shortest:
+            solution, shortest = again, seconds
+        if spent > _ENOUGH:
+            break
+    assert solution is not None
+    return solution, shortest, solution.note
+
+
+def _errors(solution: Solution | None, references: _References, measure: str) -> dict[str, float]:
+    if solution is None:
+        return {}
+    operator, shown = solution.operator, dd.in_space(solution.result, measure)
+    midpoint = operator.cell_corners.mean(axis=1)
+    stresses = (shown.mechanical.stress, shown.material_stress)
+    mechanical, material = (dd.BlockStress(midpoint, operator.cell_mean(s), measure) for s in stresses)
+    return references.errors(mechanical, material if solution.material else None)
+
+
+def _tensegrity(dns: Path, measure: str) -> dd.BlockStress:
+    blocks = read_blocks(dns, measure)
     assert blocks.midpoint is not None
-    solution = dd.BlockStress(
-        operator.cell_corners.mean(axis=1), operator.cell_mean(result.mechanical.stress), blocks.stress_measure
-    )
-    reference = dd.BlockStress(blocks.midpoint, blocks.stress, blocks.stress_measure)
-    found = getattr(dd.compare_blocks(solution, solution, reference), f"error_{SYMBOLS[scene.load]}_mech")
-    note = f"{result.iterations} Newton iterations"
-    return _Point(name, len(dataset), sampling, seconds, found.l2, None, found.l2_all, None, note)
+    return dd.BlockStress(blocks.midpoint, blocks.stress, measure)
+
+
+def _fe2_blocks(folder: Path) -> dd.BlockStress:
+    fields = dd.read_quadrature(folder / "quadrature.h5")
+    return dd.BlockStress(fields.midpoint, fields.cell_mean(fields.mechanical_stress), fields.stress_measure)
+
+
+def _known_fe2(study: Study, folders: Sequence[Path]) -> dict[tuple[str, str], Path]:
+    """The folders by kinematics and clamps.
+
+    Raises:
+        InputError: one is not of FE2, or of another scene.
+    """
+    chain = study.chain
+    known: dict[tuple[str, str], Path] = {}
+    scene = {"load": study.load, "strain": chain.strain, "bar_force": chain.bar_force, "elements": [*chain.elements]}
+    for folder in folders:
+        there = read_summary(folder, "fe2")["parameters"]
+        for name, value in scene.items():
+            if there.get(name) != value:
+                raise InputError(f"fe2: expected {name} {value} in {folder}, got {there.get(name)}")
+        known[there.get("kinematics", "small"), there.get("clamp", "full")] = folder
+    return known

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tsg_micro.errors import InputError
 from tsg_micro.parameters import CellParameters, check_bar_force
 from tsg_micro.sampling import BOXES
 from workflows.loads import check_load, check_reach, nominal_component
 from workflows.stages import Stages
+
+if TYPE_CHECKING:
+    from workflows.scene import Scene
 
 __all__ = ["Chain"]
 
@@ -72,6 +76,15 @@ class Chain:
         scene: dict[str, Any] = {"blocks": self.blocks, "load": load, "strain": self.strain}
         scene |= {"bar_force": self.bar_force, "flat": flat}
         return stages.run(f"dns-{load}" + "-free" * (not flat), scene, lambda out: dns(out, say=say, **scene))
+
+    def fe2(self, stages: Stages, scene: Scene, say: Callable[[str], None]) -> Path:
+        """The folder of FE2 of this scene; computed unless it is there."""
+        from workflows.fe2 import fe2
+
+        run: dict[str, Any] = {**scene.parameters(), "bar_force": self.bar_force}
+        name = "-".join(["fe2", scene.load, scene.kinematics, scene.clamp])
+        solve = partial(fe2, scene=scene, bar_force=self.bar_force, plots=False, say=say)
+        return stages.run(name, run, solve)
 
     def solution(self, stages: Stages, load: str, data: Path, say: Callable[[str], None]) -> Path:
         """The folder of the data-driven solution with the file ``data``, a stage of its own; computed unless there."""

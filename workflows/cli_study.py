@@ -48,9 +48,10 @@ def frontier(
     seed: Seed = 0,
     dns: Dns = None,
     data: Data = None,
+    fe2: Annotated[list[Path] | None, typer.Option(help="Folder of 'tsgdd fe2'; repeat for other kinematics.")] = None,
     plots: Plots = True,
 ) -> None:
-    """Run time against error: data-driven solves, laws fitted to the same data, and the full tensegrity."""
+    """Run time against error: data-driven and adaptive solves, FE2, fitted laws, and the full tensegrity."""
     check_alone("bench frontier")
     from tsg_micro.errors import InputError
     from workflows.bench_frontier import frontier as run
@@ -58,11 +59,11 @@ def frontier(
     from workflows.trial import Study
 
     chain = Chain(blocks, strain, bar_force, paths, steps, seed)
-    if load is None and (dns or data):
-        raise InputError("load: expected stretch or shear beside --dns or --data, got none")
+    if load is None and (dns or data or fe2):
+        raise InputError("load: expected stretch or shear beside --dns, --data or --fe2, got none")
     for one in Load if load is None else [load]:
         folder = out / one.value if out and load is None else out or Path("results") / f"frontier-{one.value}"
-        run(Study(folder, one.value, chain, dns, data, say=say), plots=plots)
+        run(Study(folder, one.value, chain, dns, data, say=say), fe2=fe2 or (), plots=plots)
         say(f"{'results':24} {folder}")
 
 

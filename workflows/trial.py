@@ -19,7 +19,7 @@ from workflows.reference import check_same_scene, solution_errors
 from workflows.scene import Scene, make_metric, read_material
 from workflows.stages import Stages
 
-__all__ = ["COLUMNS", "Bench", "Inputs", "Row", "Study", "make_bench"]
+__all__ = ["COLUMNS", "PATIENT", "Bench", "Inputs", "Row", "Study", "make_bench"]
 
 Row = dict[str, float]
 
@@ -28,7 +28,7 @@ COLUMNS = (
     *("iterations", "seconds", "seconds_search", "seconds_linear_solves"),
 )
 """Names of a row; errors and distances are relative, without ``_all`` the outer blocks are left out."""
-_PATIENT = dd.SolverOptions(max_iterations=1000)
+PATIENT = dd.SolverOptions(max_iterations=1000)
 """A metric that is far too stiff needs hundreds of iterations."""
 
 
@@ -130,7 +130,7 @@ class Bench:
         """
         begin = time.perf_counter()
         metric = self.projection.metric
-        result = dd.solve(self.projection, dd.MaterialSearch(dataset, metric), start=start, options=_PATIENT)
+        result = dd.solve(self.projection, dd.MaterialSearch(dataset, metric), start=start, options=PATIENT)
         seconds = time.perf_counter() - begin
         shown = dd.in_space(result, self.blocks.stress_measure)
         row = solution_errors(self.operator, metric, shown, self.blocks).row(self.symbol)

@@ -1,0 +1,118 @@
+"""``tsgdd bench frontier`` at small size: its points against other routes to the same figures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dd_macro as dd
+from dd_macro.compare import interior_blocks
+from tsg_micro.errors import ConvergenceError
+from workflows.bench_frontier import frontier
+from workflows.chain import Chain
+from workflows.frontier_methods import METHODS
+from workflows.trial import Study
+
+FEW = tuple(method for method in METHODS if not method.name.endswith(("visited", "secant", "energy law")))
+SCENE = ("--load", "stretch", "--blocks", 4, 4, "--strain", 0.04)
+
+
+@pytest.fixture(scope="module")
+def run(chain, tmp_path_factory):
+    """Two models of the chain's scene; its folder and summary."""
+    out = tmp_path_factory.mktemp("frontier")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("workflows.bench_frontier._REPEATS", 1)
+        patch.setattr("workflows.bench_frontier.METHODS", FEW)
+        study = Study(out, "stretch", Chain(blocks=(4, 4), strain=0.04), chain.dns, chain.data)
+        return out, frontier(study, models=(("small", "full"), ("finite", "inplane")), budgets=(2, 8, 32))
+
+
+def points(summary, method, kinematics="small"):
+    return [p for p in summary["points"] if p["method"] == method and p["kinematics"] == kinematics]
+
+
+def test_every_method_is_there(run, is_png):
+    out, summary = run
+    for method in FEW:
+        for kinematics in method.kinematics:
+            assert [p["data"] for p in points(summary, method.name, kinematics)] == [1, 10, 100]
+    for kinematics in ("small", "finite"):
+        assert len(points(summary, "FE2", kinematics)) == 1
+        assert [p["data"] for p in points(summary, "adaptive from nothing", kinematics)] == [2, 8, 32]
+    assert is_png(out / "frontier.png")
+    assert len((out / "frontier.csv").read_text().splitlines()) == 1 + len(summary["points"])
+    for point in summary["points"]:
+        assert (point["error_mech"] is None) == point["note"].startswith("failed")
+    failed = points(summary, "second-order data, estimated tangents")[0]  # one datum has no neighbours
+    assert failed["note"] == "failed: neighbours: expected 3 to 0, less than there are data, got 16"
+
+
+def test_what_the_data_leave(run):
+    _, summary = run
+    for kinematics in ("small", "finite"):
+        adapted = [p["error_fe2"] for p in points(summary, "adaptive from nothing", kinematics)]
+        assert adapted[0] > 2 * max(adapted[1:])
+        assert max(adapted[1:]) < 0.01
+        floor = points(summary, "FE2", kinematics)[0]["error_mech"]
+        last = points(summary, "adaptive from nothing", kinematics)[-1]
+        assert last["error_mech"] == pytest.approx(floor, abs=2 * last["error_fe2"])
+
+
+def test_errors_are_those_of_solve_and_compare(run, chain, tsgdd, read_summary, tmp_path):
+    out, summary = run
+    solve = ("solve", "--data", chain.data, "--elements", 4, 4, 1, "--strain", 0.04, "--order", 2, "--no-plots")
+    assert tsgdd(*solve, "--out", tmp_path / "dd").code == 0
+    for folder, method in ((chain.dd, "data-driven, metric tangent"), (tmp_path / "dd", "second-order data")):
+        assert tsgdd("compare", "--dd", folder, "--dns", chain.dns, "--out", tmp_path / "c", "--no-plots").code == 0
+        compared, point = read_summary(tmp_path / "c"), points(summary, method)[-1]
+        for name in ("mech", "mat"):
+            assert point[f"error_{name}"] == pytest.approx(compared[f"error_p_{name}"]["l2"], rel=1e-6)
+            assert point[f"error_{name}_all"] == pytest.approx(compared[f"error_p_{name}"]["l2_all"], rel=1e-6)
+    found, exact = (
+        dd.read_quadrature(folder / "quadrature.h5") for folder in (tmp_path / "dd", out / "fe2-stretch-small-full")
+    )
+    inner = interior_blocks(exact.midpoint)
+    p, q = (fields.cell_mean(fields.mechanical_p)[inner] for fields in (found, exact))
+    assert point["error_fe2"] == pytest.approx(np.linalg.norm(p - q) / np.linalg.norm(q), rel=1e-6)
+
+
+def test_ratios_are_of_the_times_with_sampling(run):
+    _, summary = run
+    reached = [p for p in summary["points"] if p["error_mech"] is not None]
+    for (name, ratio), point in zip(summary["dns_over_all"].items(), reached, strict=True):
+        seconds = point["seconds_solve"] + point["seconds_sampling"]
+        assert ratio == pytest.approx(summary["dns_seconds"] / seconds)
+        assert name.startswith(point["method"])
+    near = [p for p in reached if p["error_mech"] <= 0.03 and p["error_fe2"] is not None and p["error_fe2"] <= 0.01]
+    assert (summary["quickest_near"] is None) == (not near)
+
+
+def test_fe2_is_taken_from_where_it_is(run, chain, tsgdd, read_summary, tmp_path, monkeypatch):
+    out, summary = run
+    given = ("--dns", chain.dns, "--data", chain.data, "--fe2", out / "fe2-stretch-small-full")
+    done = tsgdd("bench", "frontier", *given, "--out", tmp_path / "no")
+    assert done.code == 2
+    assert "load: expected stretch or shear beside --dns, --data or --fe2" in done.err
+    done = tsgdd("bench", "frontier", *SCENE, "--bar-force", 2e-8, *given[4:], "--out", tmp_path / "no")
+    assert done.code == 2
+    assert "fe2: expected bar_force 2e-08 in" in done.err
+    assert not (tmp_path / "no").exists()
+
+    def fail(*arguments):
+        raise ConvergenceError("it left")
+
+    # one model from the folder, and one whose FE2 fails
+    monkeypatch.setattr("workflows.bench_frontier._REPEATS", 1)
+    monkeypatch.setattr(Chain, "fe2", fail)
+    monkeypatch.setattr("workflows.bench_frontier.METHODS", METHODS[:1])
+    study = Study(tmp_path / "2", "stretch", Chain(blocks=(4, 4), strain=0.04), chain.dns, chain.data)
+    models = (("small", "full"), ("finite", "full"))
+    again = frontier(study, fe2=[Path(given[-1])], models=models, budgets=(8,), plots=False)
+    assert points(again, "FE2")[0] == points(summary, "FE2")[0]
+    assert points(again, "FE2", "finite")[0]["note"] == "failed: it left"
+    adapted = points(again, "adaptive from nothing", "finite")[0]
+    assert adapted["error_mech"] is not None
+    assert adapted["error_fe2"] is None
