@@ -27,7 +27,7 @@ from dd_macro.spaces import TangentMatrix
 from dd_macro.tangent_search import SpaceProjection, TangentSpaces
 from tsg_micro.errors import ConvergenceError
 
-__all__ = ["AlternatingStep", "FiniteTangentStep", "LocalTangentStep", "Record", "Step"]
+__all__ = ["AlternatingStep", "FiniteTangentStep", "LocalTangentStep", "Record", "Step", "local_tangent_step"]
 
 Array = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -234,3 +234,9 @@ class FiniteTangentStep(LocalTangentStep):
         state = state_on(u, found, stress)
         residual = scene.residual(scene.nominal_stress(state))
         return state, found, np.inf if scene.operator.comm.allreduce(found.inside_out, MPI.LOR) else residual
+
+
+def local_tangent_step(record: Record) -> LocalTangentStep:
+    """The step with local tangents for the kinematics of the record's scene."""
+    scene = record.projection
+    return FiniteTangentStep(record, scene) if isinstance(scene, FiniteProjection) else LocalTangentStep(record)

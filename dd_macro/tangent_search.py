@@ -10,7 +10,7 @@ the data, is exact for linear data, and an offset from all data, as strains have
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ class TangentSpaces:
     """The tangent spaces at n quadrature points: strain (n, 6), stress (n, 6) and tangent (n, 6, 6), both in Pa.
 
     ``index`` (n,) is the nearest datum of each point, ``reach`` (n,) how far d may go, as a length in sqrt(J/m^3).
+    ``shared``: points with the same datum have the same tangent, it is not an average.
     """
 
     strain: Array
@@ -38,6 +39,7 @@ class TangentSpaces:
     tangent: Array
     index: NDArray[np.int64]
     reach: Array
+    shared: bool = field(default=False, kw_only=True)
 
 
 class TangentSearch(MaterialSearch):
@@ -108,7 +110,8 @@ class TangentSearch(MaterialSearch):
         """Tangent spaces of the data of these numbers (n,)."""
         data = self.dataset
         assert data.tangent is not None
-        return TangentSpaces(data.strain[index], data.stress[index], data.tangent[index], index, self._reach[index])
+        at, tau, D = data.strain[index], data.stress[index], data.tangent[index]
+        return TangentSpaces(at, tau, D, index, self._reach[index], shared=True)
 
     def trusted(self, spaces: TangentSpaces, strain: Array) -> Array:
         """Fraction (n,) of the way from the datum to ``strain`` (n, 6) that the data vouch for; 1 if all of it."""
@@ -135,9 +138,10 @@ class SpaceProjection:
         self.spaces = spaces
         L = metric.factor
         self._whiten, self._back = L, np.linalg.inv(L)
-        D = self._back @ spaces.tangent @ self._back.T
-        self._tangent = D
-        self._inverse = np.linalg.inv(np.eye(6) + D.swapaxes(1, 2) @ D)
+        point = np.arange(len(spaces.index))
+        _, first, own = np.unique(spaces.index if spaces.shared else point, return_index=True, return_inverse=True)
+        D = self._back @ spaces.tangent[first] @ self._back.T
+        self._tangent, self._inverse = D[own], np.linalg.inv(np.eye(6) + D.swapaxes(1, 2) @ D)[own]
 
     def closest(self, strain: Array, stress: Array) -> tuple[Array, Array]:
         """Strain (n, 6) and stress (n, 6) in Pa of the tangent spaces nearest to these."""

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import sys
 import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -89,6 +91,8 @@ class Pardiso:
     """Intel MKL PARDISO through pypardiso, symmetric indefinite; the ordering is worked out once."""
 
     def __init__(self, indptr: Index, indices: Index) -> None:
+        for library in sorted(Path(sys.prefix, "lib").glob("libmkl_rt.*")):  # else the import walks all of Python
+            os.environ.setdefault("PYPARDISO_MKL_RT", str(library))
         from pypardiso import PyPardisoSolver
 
         n = len(indptr) - 1

@@ -157,7 +157,7 @@ def solve(
     bar_force: Annotated[float | None, typer.Option(help="With --adapt: f_b in N, if the data do not say it.")] = None,
     rve_budget: Annotated[int | None, typer.Option(help="With --adapt: RVEs at most; 200 if not given.")] = None,
     adapt_tolerance: Annotated[
-        float | None, typer.Option(help="With --adapt: change of state that ends it; 0.002 if not given.")
+        float | None, typer.Option(help="With --adapt: estimated error that ends it; 0.005 if not given.")
     ] = None,
     kinematics: Kinematics = KinematicsName.small,
     clamp: Clamp = ClampName.full,
@@ -188,7 +188,7 @@ def solve(
         say=say,
     )
     if adapt:
-        report(summary, "adapt_reason rves failed_rves change seconds_rve", out / "data.h5")
+        report(summary, "adapt_reason rves failed_rves estimated_error seconds_rve", out / "data.h5")
     report(summary, "iterations converged normalised_distance quadrature_points data_points ranks seconds", out)
 
 

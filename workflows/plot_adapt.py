@@ -17,11 +17,12 @@ _CURVES = {
     "gap": ("strain from the nearest datum", "s:", "tab:gray"),
     "surprise": ("error of stress at the last RVEs before they were added", "^--", "tab:orange"),
     "change": ("change of the state since the last round", "o-", "tab:blue"),
+    "error": ("estimated error of the state", "D-", "tab:green"),
 }
 
 
 def plot_rounds(rounds: Sequence[Round]) -> Figure:
-    """Gap of strain, error of prediction and change of the state of every round over the data it had."""
+    """Gap of strain, error of prediction, change and error of the state of every round over the data it had."""
     with mpl.rc_context(STYLE):
         figure = new_figure(10, 8)
         axes = figure.subplots()
