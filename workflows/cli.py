@@ -17,6 +17,7 @@ from workflows.options import (
     Clamp,
     ClampName,
     Degree,
+    Flat,
     Images,
     Kinematics,
     KinematicsName,
@@ -162,6 +163,7 @@ def solve(
     kinematics: Kinematics = KinematicsName.small,
     clamp: Clamp = ClampName.full,
     degree: Degree = 1,
+    flat: Flat = False,
     stress_measure: Annotated[
         Measure | None, typer.Option(help="Stress to solve in, or to write in finite strain; else that of the data.")
     ] = None,
@@ -178,7 +180,7 @@ def solve(
     summary = run(
         out,
         data=data,
-        scene=Scene(load.value, strain, elements, mesh, kinematics.value, clamp.value, degree),
+        scene=Scene(load.value, strain, elements, mesh, kinematics.value, clamp.value, degree, flat),
         metric=metric,
         order=order,
         stress_measure=None if stress_measure is None else stress_measure.value,

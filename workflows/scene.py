@@ -42,7 +42,8 @@ class Scene:
 
     ``kinematics`` is "small" or "finite" strain. The sides with a displacement are held in all three components
     (``clamp`` "full"), or in the plane of the sheet alone ("inplane"), where their thickness is free: the hold on the
-    thickness fades over a third of a block, which elements of a block cannot follow. ``degree`` of the elements.
+    thickness fades over a third of a block, which elements of a block cannot follow. ``degree`` of the elements. A
+    ``flat`` sheet has its back side held in its plane, so that it cannot buckle.
     """
 
     load: str
@@ -52,6 +53,7 @@ class Scene:
     kinematics: str = "small"
     clamp: str = "full"
     degree: int = 1
+    flat: bool = False
 
     def __post_init__(self) -> None:
         check_load(self.load, self.strain)
@@ -76,21 +78,25 @@ class Scene:
         """Bottom side held, top side moved by the strain times the height of the mesh; collective."""
         bottom, top = _extent(domain, 1)
         moved = top_displacement(self.load, self.strain, top - bottom)
+        back = [dd.Displacement("back", (0.0,), (2,))] if self.flat else []
         if self.clamp == "full":
-            return [dd.Displacement("bottom"), dd.Displacement("top", value=moved)]
-
-        back, front = _extent(domain, 2)
-
-        def lower_edge(x: NDArray[np.float64]) -> NDArray[np.bool_]:
-            return np.asarray(x[:, 2] < back + 1e-6 * (front - back))
-
-        sides = (("bottom", (0.0, 0.0, 0.0)), ("top", moved))
-        in_plane = [dd.Displacement(side, value[:2], (0, 1)) for side, value in sides]
-        return in_plane + [dd.Displacement(side, value[2:], (2,), where=lower_edge) for side, value in sides]
+            return [*back, dd.Displacement("bottom"), dd.Displacement("top", value=moved)]
+        in_plane = [dd.Displacement("bottom", (0.0, 0.0), (0, 1)), dd.Displacement("top", moved[:2], (0, 1))]
+        return [*in_plane, *(back or _lower_edges(domain))]
 
     def parameters(self) -> dict[str, object]:
         """For the summary."""
         return asdict(self)
+
+
+def _lower_edges(domain: dd.TaggedMesh) -> list[dd.Displacement]:
+    """Bottom and top held across the plane where z is least; they leave their thickness free."""
+    back, front = _extent(domain, 2)
+
+    def lower(x: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return np.asarray(x[:, 2] < back + 1e-6 * (front - back))
+
+    return [dd.Displacement(side, (0.0,), (2,), where=lower) for side in ("bottom", "top")]
 
 
 def _extent(domain: dd.TaggedMesh, axis: int) -> tuple[float, float]:
