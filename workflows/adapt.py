@@ -206,7 +206,7 @@ def adapt(
         if known is None:
             raise ConvergenceError("RVE: expected equilibrium in its reference state, got none")
         keep(known)
-        C = make_metric(metric, operator, known, conditions)
+        C = make_metric(metric, operator, known, conditions, order=2)
         projection, search = dd.make_projection(operator, C, conditions), dd.TangentSearch(known, C)
         result = dd.solve_second_order(projection, search, start=z, options=options)
         last, z = z, result.mechanical
