@@ -7,9 +7,9 @@ Components that the data declare silent, s, do not count: C = [[C_aa, 0], [0, c 
     |z|^2 = 1/2 epsilon_a : C_aa : epsilon_a + 1/2 sigma_a : C_aa^-1 : sigma_a + c/2 |epsilon_s|^2 + 1/(2c) |sigma_s|^2
 The first two weights stay inverse to each other, so it is the metric of the strains and stresses a. A strain epsilon_s
 costs nothing, a stress sigma_s is kept at that of the data, zero, and both terms vanish like c: what C has in s does
-not matter. c is 1e-3 of the mean of C_aa, so that there is a stiffness matrix, and still one for both projections.
-A stress sigma_s that costs nothing either (each state keeps its own) is no metric of a sheet: with it shear through
-the thickness would carry any sigma_zz that the free faces cannot, and hundreds of iterations later it does.
+not matter. c is 1e-3 of the mean eigenvalue of C_aa, so that there is a stiffness matrix, one for both projections.
+Were sigma_s free of cost too, with material states that take it from the mechanical ones, shear through the thickness
+would carry any sigma_zz, which free faces cannot, and the iteration would need hundreds of steps.
 """
 
 from __future__ import annotations
