@@ -24,15 +24,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Displacement:
-    """Prescribed displacement in m of all nodes of a side.
+    """Prescribed displacement in m of the nodes of a side, all of them or those ``where`` says so.
 
     ``value`` has one number per entry of ``components``, or is a function of coordinates (nodes, 3) in m that
-    gives (nodes, len(components)). Where two sides meet, the condition given later counts.
+    gives (nodes, len(components)); ``where`` is one that gives a mask (nodes,). Where two sides meet, the condition
+    given later counts.
     """
 
     side: str
     value: Sequence[float] | Callable[[Array], Array] = (0.0, 0.0, 0.0)
     components: tuple[int, ...] = (0, 1, 2)
+    where: Callable[[Array], NDArray[np.bool_]] | None = None
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,8 @@ def prescribed_displacement(
     x = operator.node_coordinates()
     for condition in conditions:
         nodes, components = side_dofs(operator, condition.side), list(condition.components)
+        if condition.where is not None:
+            nodes = nodes[condition.where(x[nodes])]
         if not components or not set(components) <= {0, 1, 2}:
             raise InputError(f"components on {condition.side!r}: expected some of 0, 1, 2, got {condition.components}")
         given = condition.value(x[nodes]) if callable(condition.value) else condition.value

@@ -14,6 +14,9 @@ from workflows import cli_fe2, cli_scenes, cli_study
 from workflows.options import (
     BarForce,
     Box,
+    Clamp,
+    ClampName,
+    Degree,
     Images,
     Kinematics,
     KinematicsName,
@@ -157,6 +160,8 @@ def solve(
         float | None, typer.Option(help="With --adapt: change of state that ends it; 0.002 if not given.")
     ] = None,
     kinematics: Kinematics = KinematicsName.small,
+    clamp: Clamp = ClampName.full,
+    degree: Degree = 1,
     stress_measure: Annotated[
         Measure | None, typer.Option(help="Stress to solve in, or to write in finite strain; else that of the data.")
     ] = None,
@@ -173,7 +178,7 @@ def solve(
     summary = run(
         out,
         data=data,
-        scene=Scene(load.value, strain, elements=elements, mesh=mesh, kinematics=kinematics.value),
+        scene=Scene(load.value, strain, elements, mesh, kinematics.value, clamp.value, degree),
         metric=metric,
         order=order,
         stress_measure=None if stress_measure is None else stress_measure.value,

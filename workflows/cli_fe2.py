@@ -7,7 +7,20 @@ from typing import Annotated
 
 import typer
 
-from workflows.options import BarForce, Kinematics, KinematicsName, Load, Out, Plots, Strain, report, say
+from workflows.options import (
+    BarForce,
+    Clamp,
+    ClampName,
+    Degree,
+    Kinematics,
+    KinematicsName,
+    Load,
+    Out,
+    Plots,
+    Strain,
+    report,
+    say,
+)
 
 __all__ = ["fe2"]
 
@@ -20,6 +33,8 @@ def fe2(
     strain: Strain = 0.05,
     bar_force: BarForce = 1e-8,
     kinematics: Kinematics = KinematicsName.small,
+    clamp: Clamp = ClampName.full,
+    degree: Degree = 1,
     steps: Annotated[int, typer.Option(help="Load steps; they are halved where Newton's method fails.")] = 1,
     tolerance: Annotated[float, typer.Option(help="Out-of-balance force over that of the supports.")] = 1e-9,
     plots: Plots = True,
@@ -31,7 +46,7 @@ def fe2(
 
     summary = run(
         out,
-        scene=Scene(load.value, strain, elements=elements, mesh=mesh, kinematics=kinematics.value),
+        scene=Scene(load.value, strain, elements, mesh, kinematics.value, clamp.value, degree),
         bar_force=bar_force,
         steps=steps,
         options=dd_macro.ReferenceOptions(tolerance=tolerance),

@@ -105,11 +105,7 @@ def fe2(
         "peak_memory": (comm.allreduce(peak_memory(), MPI.MAX), "B"),
     }
     parameters = {
-        "load": scene.load,
-        "strain": scene.strain,
-        "elements": scene.elements,
-        "mesh": scene.mesh,
-        "kinematics": scene.kinematics,
+        **scene.parameters(),
         "bar_force": bar_force,
         "steps": steps,
     }

@@ -12,6 +12,9 @@ import typer
 __all__ = [
     "BarForce",
     "Box",
+    "Clamp",
+    "ClampName",
+    "Degree",
     "Images",
     "Kinematics",
     "KinematicsName",
@@ -59,6 +62,13 @@ class KinematicsName(StrEnum):
     finite = "finite"
 
 
+class ClampName(StrEnum):
+    """What bottom and top hold."""
+
+    full = "full"
+    inplane = "inplane"
+
+
 class Images(StrEnum):
     """What members on opposite faces of an RVE become."""
 
@@ -72,6 +82,8 @@ OutFile = Annotated[Path, typer.Option("--out", help="Output file, .h5.")]
 BarForce = Annotated[float, typer.Option(help="Compression of the bars at rest, f_b, in N.")]
 Strain = Annotated[float, typer.Option(help="Displacement of the top side over the height of the sheet.")]
 Kinematics = Annotated[KinematicsName, typer.Option(help="Strain of the macroscopic scene: small or finite.")]
+Clamp = Annotated[ClampName, typer.Option(help="Bottom and top hold all of u, or its part in the plane of the sheet.")]
+Degree = Annotated[int, typer.Option(help="Degree of the elements, 1 or 2.")]
 Plots = Annotated[bool, typer.Option("--plots/--no-plots", help="Draw the figures and write the ParaView file.")]
 
 

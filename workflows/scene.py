@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
+from numpy.typing import NDArray
 
 import dd_macro as dd
 from tsg_micro.dataset import Dataset, convert_dataset, read_dataset
@@ -14,7 +15,17 @@ from tsg_micro.errors import InputError
 from tsg_micro.mandel import from_mandel
 from workflows.loads import check_load, check_reach, nominal_component, top_displacement
 
-__all__ = ["BLOCK", "KINEMATICS", "METRICS", "Scene", "check_metric", "make_metric", "read_material", "with_tangents"]
+__all__ = [
+    "BLOCK",
+    "CLAMPS",
+    "KINEMATICS",
+    "METRICS",
+    "Scene",
+    "check_metric",
+    "make_metric",
+    "read_material",
+    "with_tangents",
+]
 
 BLOCK = 20e-6
 """Edge of a 2x2x2-cell block, m (paper: cell height 10 um)."""
@@ -22,13 +33,16 @@ METRICS = ("auto", "tangent", "visited", "secant")
 """The data's default, the mean tangent of all data or of those that the scene visits, the secant modulus."""
 
 KINEMATICS = ("small", "finite")
+CLAMPS = ("full", "inplane")
 
 
 @dataclass(frozen=True)
 class Scene:
     """What is loaded, and how: a box of one element a block, or the hexahedra of a gmsh file.
 
-    ``kinematics`` is "small" or "finite" strain.
+    ``kinematics`` is "small" or "finite" strain. The sides with a displacement are held in all three components
+    (``clamp`` "full"), or in the plane of the sheet alone ("inplane"), where their thickness is free: the hold on the
+    thickness fades over a third of a block, which elements of a block cannot follow. ``degree`` of the elements.
     """
 
     load: str
@@ -36,11 +50,14 @@ class Scene:
     elements: tuple[int, int, int] | None = None
     mesh: Path | None = None
     kinematics: str = "small"
+    clamp: str = "full"
+    degree: int = 1
 
     def __post_init__(self) -> None:
         check_load(self.load, self.strain)
-        if self.kinematics not in KINEMATICS:
-            raise InputError(f"kinematics: expected {' or '.join(KINEMATICS)}, got {self.kinematics!r}")
+        for name, known in (("kinematics", KINEMATICS), ("clamp", CLAMPS), ("degree", (1, 2))):
+            if getattr(self, name) not in known:
+                raise InputError(f"{name}: expected {' or '.join(map(str, known))}, got {getattr(self, name)!r}")
         if (self.elements is None) == (self.mesh is None):
             raise InputError("elements, mesh: expected one of them, --elements NX NY NZ or --mesh FILE.msh")
 
@@ -53,15 +70,34 @@ class Scene:
 
     def operator(self, domain: dd.TaggedMesh) -> dd.StrainOperator:
         """B and W of the mesh, of its strains or of its gradients."""
-        return dd.GradientOperator(domain) if self.kinematics == "finite" else dd.StrainOperator(domain)
+        return {"small": dd.StrainOperator, "finite": dd.GradientOperator}[self.kinematics](domain, degree=self.degree)
 
     def conditions(self, domain: dd.TaggedMesh) -> list[dd.Displacement]:
         """Bottom side held, top side moved by the strain times the height of the mesh; collective."""
-        y = domain.mesh.geometry.x[:, 1]  # none on a rank without cells
-        low = domain.comm.allreduce(float(np.min(y, initial=np.inf)), MPI.MIN)
-        high = domain.comm.allreduce(float(np.max(y, initial=-np.inf)), MPI.MAX)
-        top = dd.Displacement("top", value=top_displacement(self.load, self.strain, high - low))
-        return [dd.Displacement("bottom"), top]
+        bottom, top = _extent(domain, 1)
+        moved = top_displacement(self.load, self.strain, top - bottom)
+        if self.clamp == "full":
+            return [dd.Displacement("bottom"), dd.Displacement("top", value=moved)]
+
+        back, front = _extent(domain, 2)
+
+        def lower_edge(x: NDArray[np.float64]) -> NDArray[np.bool_]:
+            return np.asarray(x[:, 2] < back + 1e-6 * (front - back))
+
+        sides = (("bottom", (0.0, 0.0, 0.0)), ("top", moved))
+        in_plane = [dd.Displacement(side, value[:2], (0, 1)) for side, value in sides]
+        return in_plane + [dd.Displacement(side, value[2:], (2,), where=lower_edge) for side, value in sides]
+
+    def parameters(self) -> dict[str, object]:
+        """For the summary."""
+        return asdict(self)
+
+
+def _extent(domain: dd.TaggedMesh, axis: int) -> tuple[float, float]:
+    """Least and largest coordinate of the mesh along ``axis``, m; collective."""
+    x = domain.mesh.geometry.x[:, axis]  # none on a rank without cells
+    low = domain.comm.allreduce(float(np.min(x, initial=np.inf)), MPI.MIN)
+    return low, domain.comm.allreduce(float(np.max(x, initial=-np.inf)), MPI.MAX)
 
 
 def check_metric(name: str) -> None:

@@ -135,11 +135,7 @@ def solve(
         figures |= adapted.figures()
     parameters = {
         "data": data,
-        "load": scene.load,
-        "strain": scene.strain,
-        "elements": scene.elements,
-        "mesh": scene.mesh,
-        "kinematics": scene.kinematics,
+        **scene.parameters(),
         "metric": metric,
         "order": order,
         "stress_measure": stress_measure,

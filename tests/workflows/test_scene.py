@@ -1,0 +1,59 @@
+"""The scene of a run: what its clamps hold, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import dd_macro as dd
+from tsg_micro.errors import InputError
+from workflows.scene import BLOCK, Scene
+
+C = dd.isotropic(young=1e3, poisson=0.3).C
+
+
+def strains(scene):
+    """Strains of a linear elastic sheet whose width is held."""
+    domain = scene.build(MPI.COMM_SELF)
+    operator = scene.operator(domain)
+    sides = [dd.Displacement(side, (0.0,), (0,)) for side in ("left", "right")]
+    result = dd.solve_law(operator, dd.LinearLaw(C, np.zeros(6)), sides + scene.conditions(domain))
+    return operator, result
+
+
+@pytest.mark.parametrize(("nz", "degree"), [(1, 1), (2, 1), (1, 2)])
+def test_sheet_held_in_its_plane_is_in_plane_strain_and_stress(nz, degree):
+    """Its width held and its thickness free: eps_zz = -nu / (1 - nu) eps_yy everywhere, at the clamps too."""
+    scene = Scene("stretch", 0.02, (3, 4, nz), clamp="inplane", degree=degree)
+    operator, result = strains(scene)
+    expected = np.zeros(6)
+    expected[1], expected[2] = 0.02, -0.3 / 0.7 * 0.02
+    np.testing.assert_allclose(
+        result.mechanical.strain, np.broadcast_to(expected, (len(operator.weights), 6)), atol=1e-12
+    )
+    force = 1e3 / (1 - 0.3**2) * 0.02 * 3 * BLOCK * nz * BLOCK
+    np.testing.assert_allclose(result.reactions["top"], [0.0, force, 0.0], atol=1e-9 * force)
+
+
+def test_full_clamp_holds_the_thickness():
+    operator, full = strains(Scene("stretch", 0.02, (3, 4, 1)))
+    _, inplane = strains(Scene("stretch", 0.02, (3, 4, 1), clamp="inplane"))
+    y = operator.node_coordinates()[:, 1]
+    ends = (y < 1e-9) | (y > y.max() - 1e-9)
+    assert not full.mechanical.u.reshape(-1, 3)[ends, 2].any()
+    assert inplane.mechanical.u.reshape(-1, 3)[ends, 2].any()
+    assert full.reactions["top"][1] > inplane.reactions["top"][1]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "text"),
+    [
+        ({"kinematics": "large"}, "kinematics: expected small or finite, got 'large'"),
+        ({"clamp": "none"}, "clamp: expected full or inplane, got 'none'"),
+        ({"degree": 3}, "degree: expected 1 or 2, got 3"),
+    ],
+)
+def test_errors(wrong, text):
+    with pytest.raises(InputError, match=text):
+        Scene("stretch", 0.05, (3, 3, 1), **wrong)
