@@ -180,7 +180,7 @@ def adapt(
         measure=measure or ("first_piola" if dataset is None else dataset.stress_measure),
         adapted={"load": scene.load, "strain": scene.strain},
     )
-    C = make_metric(metric, operator, data.all, conditions)
+    C = make_metric(metric, operator, data.all, conditions, order=2)
     projection = dd.make_projection(operator, C, conditions)
     step = local_tangent_step(Record(projection, _MOST_ROUNDS, None))
     rounds: list[Round] = []

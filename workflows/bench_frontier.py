@@ -127,7 +127,7 @@ def _data_driven(
     seconds = np.inf
     for _ in range(_REPEATS):
         begin = time.perf_counter()
-        bench = make_bench(scene, metric, dataset, blocks)
+        bench = make_bench(scene, metric, dataset, blocks, order=2 if second_order else 1)
         chosen = bench.projection.metric
         result: dd.DataDrivenResult
         if second_order:

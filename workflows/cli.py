@@ -220,13 +220,16 @@ def import_csv(
     column: Annotated[list[str], typer.Option(help="COMPONENT=HEADER:UNIT, e.g. eps_yy=strain:% ; once a column.")],
     out: OutFile,
     zero: Annotated[list[str] | None, typer.Option(help="Component known to be zero, e.g. sigma_zz.")] = None,
+    silent: Annotated[
+        list[str] | None, typer.Option(help="Zero as nothing drove it, e.g. yz: not in the metric.")
+    ] = None,
     stress_measure: Annotated[Measure, typer.Option(help="What the measured stress is.")] = Measure.cauchy,
 ) -> None:
     """Turn measured data into a data set; columns and units are declared, nothing is guessed."""
     check_alone("import-csv")
     from workflows.import_csv import import_csv as run
 
-    run(csv, column=column, zero=zero or [], stress_measure=stress_measure.value, out=out)
+    run(csv, column=column, zero=zero or [], silent=silent or [], stress_measure=stress_measure.value, out=out)
 
 
 app.add_typer(cli_scenes.scenes)

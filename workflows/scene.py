@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -113,14 +113,19 @@ def check_metric(name: str) -> None:
 
 
 def make_metric(
-    name: str, operator: dd.StrainOperator, dataset: Dataset, conditions: list[dd.Displacement]
+    name: str, operator: dd.StrainOperator, dataset: Dataset, conditions: list[dd.Displacement], *, order: int = 1
 ) -> dd.Metric:
     """The metric of this name for the scene; collective.
+
+    What the data declare silent does not count in it, unless the tangents are asked (``order`` 2): those of RVEs answer
+    every strain.
 
     Raises:
         InputError: no such metric, or the data give none.
     """
     check_metric(name)
+    if order == 2 and dataset.tangent is not None:
+        dataset = replace(dataset, silent=())
     if name == "visited":
         return dd.visited_tangent(operator, dataset, conditions)
     choose = {"auto": dd.metric_from_dataset, "tangent": dd.mean_tangent, "secant": dd.secant_modulus}[name]
