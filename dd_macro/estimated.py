@@ -10,7 +10,8 @@ D = [[D_tt, D_tn], [D_nt, D_nn]]:
                   along t is held
 
 So D is positive definite, and C_nn does not matter where the body leaves n free of stress, as the faces of a sheet do.
-Where it does matter, as for the shear of a sheet that was only stretched, it is an assumption.
+Where it does matter, as for the shear of a sheet that was only stretched, it is an assumption. In components that the
+data declare silent it is next to nothing (dd_macro.metric): the stress there stays at zero.
 """
 
 from __future__ import annotations

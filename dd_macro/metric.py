@@ -2,10 +2,19 @@
 
 Local distance (paper, Section 4.1): |z_e|^2 = 1/2 epsilon : C : epsilon + 1/2 sigma : C^-1 : sigma.
 With C = L L^T the whitened point (L^T epsilon, L^-1 sigma) / sqrt(2) in R^12 has that length as its Euclidean norm.
+
+Components that the data declare silent, s, do not count: C = [[C_aa, 0], [0, c I]], c -> 0, with a the others. Then
+    |z|^2 = 1/2 epsilon_a : C_aa : epsilon_a + 1/2 sigma_a : C_aa^-1 : sigma_a + c/2 |epsilon_s|^2 + 1/(2c) |sigma_s|^2
+The first two weights stay inverse to each other, so it is the metric of the strains and stresses a. A strain epsilon_s
+costs nothing, a stress sigma_s is kept at that of the data, zero, and both terms vanish like c: what C has in s does
+not matter. c is 1e-3 of the mean eigenvalue of C_aa, so that there is a stiffness matrix, one for both projections.
+Were sigma_s free of cost too, with material states that take it from the mechanical ones, shear through the thickness
+would carry any sigma_zz, which free faces cannot, and the iteration would need hundreds of steps.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tsg_micro.dataset import Dataset
 from tsg_micro.errors import InputError
+from tsg_micro.mandel import COMPONENTS
 
 __all__ = [
     "Metric",
@@ -28,6 +38,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 _FLOOR = 1e-2  # smallest eigenvalue of a metric taken from data, relative to the largest
+_SILENT = 1e-3  # c, relative to the mean eigenvalue of C_aa
 
 
 @dataclass(frozen=True)
@@ -59,6 +70,19 @@ class Metric:
         """Lower triangular L (6, 6) with C = L L^T."""
         return np.linalg.cholesky(self.C)
 
+    def without(self, silent: Collection[str]) -> Metric:
+        """The metric in which the components ``silent``, among xx .. xy, do not count.
+
+        Raises:
+            InputError: they are unknown, or all components.
+        """
+        if not silent:
+            return self
+        counted = np.array([name not in silent for name in COMPONENTS])
+        if counted.sum() != len(COMPONENTS) - len(set(silent)) or not counted.any():
+            raise InputError(f"silent: expected some of {', '.join(COMPONENTS)}, got {', '.join(silent)}")
+        return _metric(self.C[np.ix_(counted, counted)], counted, self.reason)
+
     def whiten(self, strain: ArrayLike, stress: ArrayLike) -> Array:
         """Points (n, 12) whose Euclidean distances are the local distance, sqrt(J/m^3), of (n, 6) and (n, 6) in Pa."""
         sigma = np.asarray(stress, dtype=float)
@@ -82,7 +106,8 @@ def isotropic(*, young: float, poisson: float) -> Metric:
 def mean_tangent(dataset: Dataset, weight: Array | None = None) -> Metric:
     """Metric from the mean of the data's tangents, its symmetric part with small eigenvalues raised.
 
-    ``weight`` (N,) of the data, not negative and not all zero; equal ones if None.
+    Components that are silent in the data do not count. ``weight`` (N,) of the data, not negative and not all zero;
+    equal ones if None.
 
     Raises:
         InputError: the data have no tangents, or weights that are no weights.
@@ -91,34 +116,34 @@ def mean_tangent(dataset: Dataset, weight: Array | None = None) -> Metric:
         raise InputError("data set: expected tangents for this metric, got none")
     if weight is not None and not (np.shape(weight) == (len(dataset),) and np.min(weight) >= 0 and np.sum(weight) > 0):
         raise InputError(f"weight: expected {len(dataset)} numbers from 0 upwards, not all zero, got {weight}")
-    mean = np.average(dataset.tangent, axis=0, weights=weight)
+    mean = np.average(dataset.tangent, axis=0, weights=weight)[np.ix_(dataset.counted, dataset.counted)]
     C, raised = _positive(0.5 * (mean + mean.T))
-    return Metric(C, f"mean tangent of {len(dataset)} data" + _note(raised))
+    return _metric(C, dataset.counted, f"mean tangent of {len(dataset)} data" + _note(raised))
 
 
 def secant_modulus(dataset: Dataset) -> Metric:
     """Metric from the symmetric C that fits sigma = C epsilon best (least squares) over the data.
 
-    Strain directions that the data do not span get the mean modulus of those they span.
+    Strain directions that the data do not span get the mean modulus of those they span; silent ones do not count.
 
     Raises:
         InputError: all strains or all stresses are zero.
     """
-    E, S = dataset.strain, dataset.stress
+    E, S = dataset.strain[:, dataset.counted], dataset.stress[:, dataset.counted]
     if not E.any() or not S.any():
         raise InputError("data set: expected strains and stresses other than zero, to fit a secant modulus")
     C, note = least_squares_modulus(E.T @ E, E.T @ S)
-    return Metric(C, f"least-squares secant of {len(dataset)} data" + note)
+    return _metric(C, dataset.counted, f"least-squares secant of {len(dataset)} data" + note)
 
 
 def least_squares_modulus(gram: Array, moment: Array, *, floor: float = _FLOOR) -> tuple[Array, str]:
-    """Symmetric positive definite C (6, 6) in Pa that minimises |E C - S|, and a note on what the data did not give.
+    """Symmetric positive definite C (k, k) in Pa that minimises |E C - S|, and a note on what the data did not give.
 
     Strain directions that E does not span get the mean modulus of those it spans.
 
     Args:
-        gram: E^T E (6, 6), of strains E (N, 6).
-        moment: E^T S (6, 6) in Pa, of stresses S (N, 6).
+        gram: E^T E (k, k), of k components of strain E (N, k).
+        moment: E^T S (k, k) in Pa, of stresses S (N, k).
         floor: eigenvalues smaller than this times the largest are raised to it.
 
     Raises:
@@ -143,6 +168,16 @@ def metric_from_dataset(dataset: Dataset) -> Metric:
         InputError: the data give no modulus (all zero).
     """
     return secant_modulus(dataset) if dataset.tangent is None else mean_tangent(dataset)
+
+
+def _metric(C: Array, counted: NDArray[np.bool_], reason: str) -> Metric:
+    """The metric with C (k, k) in Pa for the components of the mask ``counted`` (6,), the others silent."""
+    if counted.all():
+        return Metric(C, reason)
+    full = np.diag(np.where(counted, 0.0, _SILENT * np.trace(C) / len(C)))
+    full[np.ix_(counted, counted)] = C
+    silent = [name for name, counts in zip(COMPONENTS, counted, strict=True) if not counts]
+    return Metric(full, f"{reason}, {' and '.join(silent)} silent")
 
 
 def _positive(C: Array, floor: float = _FLOOR) -> tuple[Array, int]:

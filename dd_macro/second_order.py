@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from dd_macro.finite import FiniteProjection
 from dd_macro.parallel import total
 from dd_macro.projection import MechanicalState, Projection
-from dd_macro.second_order_steps import AlternatingStep, Record, Step, tangent_step
+from dd_macro.second_order_steps import AlternatingStep, Record, Step, local_tangent_step
 from dd_macro.solver import DataDrivenResult, Iteration
 from dd_macro.tangent_search import SpaceProjection, TangentSearch, TangentSpaces
 from tsg_micro.errors import ConvergenceError, InputError
@@ -150,13 +150,10 @@ def solve_second_order(
         )
     record = Record(projection, options.max_iterations, progress)
     try:
-        return _iterate(record, _step(record, method, options), search, start or projection.elastic(), options)
+        step = AlternatingStep(record, options.tolerance) if method == "alternating" else local_tangent_step(record)
+        return _iterate(record, step, search, start or projection.elastic(), options)
     except ConvergenceError as error:
         raise ConvergenceError(str(error), record.history) from None
-
-
-def _step(record: Record, method: Method, options: SecondOrderOptions) -> Step:
-    return AlternatingStep(record, options.tolerance) if method == "alternating" else tangent_step(record)
 
 
 def _iterate(

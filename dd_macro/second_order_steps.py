@@ -27,7 +27,7 @@ from dd_macro.spaces import TangentMatrix
 from dd_macro.tangent_search import SpaceProjection, TangentSpaces
 from tsg_micro.errors import ConvergenceError
 
-__all__ = ["AlternatingStep", "FiniteTangentStep", "LocalTangentStep", "Record", "Step", "tangent_step"]
+__all__ = ["AlternatingStep", "FiniteTangentStep", "LocalTangentStep", "Record", "Step", "local_tangent_step"]
 
 Array = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -204,13 +204,14 @@ class FiniteTangentStep(LocalTangentStep):
         record, clock = self.record, time.perf_counter()
         near = SpaceProjection(spaces, self.scene.metric).closest(z.strain, z.stress)
         distance, scene = record.size(z.strain - near[0], z.stress - near[1]), self.scene
-        state, tangent, residual = self._on(spaces, z.u)
+        state, found, residual = self._on(spaces, z.u)
         for _ in range(_CORRECTIONS):
             if final and residual <= _BALANCE:
                 return state
-            step = self._factorise(tangent).solve(scene.loads - scene.operator.force(scene.nominal_stress(state)))
+            linear = self._factorise(found.nominal_tangent(state.stress, spaces.tangent))
+            step = linear.solve(scene.loads - scene.operator.force(scene.nominal_stress(state)))
             for part in 0.5 ** np.arange(_HALVINGS):
-                trial, tangent, out = self._on(spaces, state.u + part * step)
+                trial, found, out = self._on(spaces, state.u + part * step)
                 if out <= (1 - 1e-4 * part) * residual or out <= _BALANCE:
                     break
             else:
@@ -225,19 +226,17 @@ class FiniteTangentStep(LocalTangentStep):
             "all forces"
         )
 
-    def _on(self, spaces: TangentSpaces, u: Array) -> tuple[MechanicalState, Array, float]:
-        """State of the nodal u on the tangent spaces, dP/dF (n, 9, 9) in Pa, out-of-balance force; inf inside out."""
+    def _on(self, spaces: TangentSpaces, u: Array) -> tuple[MechanicalState, FiniteStrain, float]:
+        """State of the nodal u on the tangent spaces, its kinematics, and the out-of-balance force, inf inside out."""
         scene = self.scene
         found = FiniteStrain(scene.operator.strain(u))
         stress = spaces.stress + np.einsum("nij,nj->ni", spaces.tangent, found.strain - spaces.strain)
-        nominal = found.nominal_stress(stress)
-        residual = scene.residual(nominal)
-        turned = scene.operator.comm.allreduce(found.inside_out, MPI.LOR)
         state = state_on(u, found, stress)
-        return state, found.nominal_tangent(stress, spaces.tangent), np.inf if turned else residual
+        residual = scene.residual(scene.nominal_stress(state))
+        return state, found, np.inf if scene.operator.comm.allreduce(found.inside_out, MPI.LOR) else residual
 
 
-def tangent_step(record: Record) -> LocalTangentStep:
-    """The step with local tangents that the scene's kinematics ask for."""
+def local_tangent_step(record: Record) -> LocalTangentStep:
+    """The step with local tangents for the kinematics of the record's scene."""
     scene = record.projection
     return FiniteTangentStep(record, scene) if isinstance(scene, FiniteProjection) else LocalTangentStep(record)

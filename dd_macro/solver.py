@@ -72,7 +72,8 @@ class DataDrivenResult:
     ``mechanical`` has u, eta, strain and stress; ``material_strain`` (n, 6), ``material_stress`` (n, 6) in Pa and
     ``index`` (n,) are the data, ``local_distance`` (n,) in sqrt(J/m^3). ``distance`` = |y - z| in sqrt(J),
     ``normalised_distance`` = |y - z| / |z| (paper, Section 4.2). ``outside_data`` is the fraction of quadrature points
-    whose mechanical strain leaves the range of the data in some component, by more than a tenth of the widest range.
+    whose mechanical strain leaves the range of the data in some component that is not silent, by more than a tenth of
+    the widest range.
     """
 
     mechanical: MechanicalState
@@ -190,7 +191,7 @@ def _result(
     data = search.dataset
     low, high = data.strain.min(axis=0), data.strain.max(axis=0)
     margin = 0.1 * (high - low).max()
-    outside = ((z.strain < low - margin) | (z.strain > high + margin)).any(axis=1)
+    outside = ((z.strain < low - margin) | (z.strain > high + margin))[:, data.counted].any(axis=1)
     size = (search.metric.whiten(z.strain, z.stress) ** 2).sum(axis=1)
     sums = total(comm, [w @ local**2, w @ size, outside.sum(), len(w)])
     normalised = float(np.sqrt(sums[0] / sums[1])) if sums[1] > 0 else float(sums[0] > 0)

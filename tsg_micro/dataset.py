@@ -9,6 +9,8 @@ One HDF5 schema (version 1). Root attributes: ``format`` = "tsgdd-dataset", ``sc
     deformation_gradient (N,3,3) 1     optional  F, needed to change the stress measure
     energy (N) J/m^3                   optional  stored energy per reference volume
     midpoint (N,3) m                   optional  where each point was read off, for block means of a structure
+
+The attribute ``silent`` (JSON, none if it is not there) names strain components that the data say nothing about.
 """
 
 from __future__ import annotations
@@ -25,9 +27,19 @@ from numpy.typing import NDArray
 
 from tsg_micro.errors import InputError
 from tsg_micro.files import atomic_path
+from tsg_micro.mandel import COMPONENTS
 from tsg_micro.stress import check_measure, convert_stress, convert_tangent
 
-__all__ = ["Dataset", "append_dataset", "convert_dataset", "join_datasets", "read_dataset", "take", "write_dataset"]
+__all__ = [
+    "Dataset",
+    "append_dataset",
+    "convert_dataset",
+    "join_datasets",
+    "read_dataset",
+    "take",
+    "write_dataset",
+    "zero_components",
+]
 
 Array = NDArray[np.float64]
 FORMAT, SCHEMA = "tsgdd-dataset", 1
@@ -52,6 +64,7 @@ _SHAPES: dict[str, tuple[int, ...]] = {
     "midpoint": (3,),
 }
 _REQUIRED = ("strain", "stress", "path", "step")
+_ROUND_OFF = 1e-9  # of the largest strain or stress
 
 
 @dataclass(frozen=True)
@@ -60,8 +73,14 @@ class Dataset:
 
     The strain is the symmetric displacement gradient (small strain); ``stress_measure`` names the stress.
 
+    A component in ``silent``, among xx, yy, zz, yz, xz, xy, has zero strain and zero stress at all points because
+    nothing drove it, as the out-of-plane shear of a free sheet. The points say nothing of what it would do to the
+    stress, so it does not count in a metric (dd_macro.metric); tangents may say it. Round-off in it is set to zero. The
+    zz of a free sheet is not silent: its strain tells how the sheet thins.
+
     Raises:
-        InputError: on construction, where a shape, a value (NaN, infinity) or the measure is not valid.
+        InputError: on construction, where a shape, a value (NaN, infinity) or the measure is not valid, or a component
+            declared silent is unknown or not zero.
     """
 
     strain: Array
@@ -73,6 +92,7 @@ class Dataset:
     deformation_gradient: Array | None = None
     energy: Array | None = None
     midpoint: Array | None = None
+    silent: tuple[str, ...] = ()
     parameters: dict[str, Any] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
     seed: int | None = None
@@ -100,13 +120,51 @@ class Dataset:
         for name in ("parameters", "versions"):
             if not isinstance(getattr(self, name), dict):
                 raise InputError(f"data set, {name}: expected names and values, got {getattr(self, name)!r}")
+        self._check_silent()
+
+    def _check_silent(self) -> None:
+        """Raise InputError where what is declared silent is not, and set round-off to zero."""
+        unknown = [name for name in self.silent if name not in COMPONENTS]
+        if unknown or len(set(self.silent)) != len(self.silent) or len(self.silent) == len(COMPONENTS):
+            raise InputError(
+                f"data set, silent: expected components among {', '.join(COMPONENTS)}, each once and not all of them, "
+                f"got {', '.join(map(str, self.silent))}"
+            )
+        if not self.silent:
+            return
+        zero = zero_components(self.strain, self.stress)
+        for name in self.silent:
+            if name not in zero:
+                i = COMPONENTS.index(name)
+                raise InputError(
+                    f"data set, silent: expected zero strain and stress in {name} at every point, got up to "
+                    f"{np.abs(self.strain[:, i]).max():.3g} and {np.abs(self.stress[:, i]).max():.3g} Pa"
+                )
+        for name in ("strain", "stress"):
+            array = np.array(getattr(self, name))
+            array[:, ~self.counted] = 0.0
+            object.__setattr__(self, name, array)
+        object.__setattr__(self, "silent", tuple(name for name in COMPONENTS if name in self.silent))
 
     def __len__(self) -> int:
         return len(self.strain)
 
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Mask (6,) of the components that are not silent."""
+        return np.array([name not in self.silent for name in COMPONENTS])
+
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The arrays that are there, by name."""
         return {name: getattr(self, name) for name in UNITS if getattr(self, name) is not None}
+
+
+def zero_components(strain: Array, stress: Array) -> tuple[str, ...]:
+    """Components in which strain (N, 6) and stress (N, 6) are zero at all points, but for round-off."""
+    small = (np.abs(strain).max(axis=0) <= max(_ROUND_OFF * np.abs(strain).max(), 1e-12)) & (
+        np.abs(stress).max(axis=0) <= _ROUND_OFF * np.abs(stress).max()
+    )
+    return tuple(name for name, zero in zip(COMPONENTS, small, strict=True) if zero)
 
 
 def write_dataset(path: str | Path, dataset: Dataset) -> None:
@@ -117,6 +175,8 @@ def write_dataset(path: str | Path, dataset: Dataset) -> None:
         file.attrs["stress_measure"] = dataset.stress_measure
         file.attrs["parameters"] = json.dumps(dataset.parameters)
         file.attrs["versions"] = json.dumps(dataset.versions)
+        if dataset.silent:
+            file.attrs["silent"] = json.dumps(dataset.silent)
         if dataset.seed is not None:
             file.attrs["seed"] = dataset.seed
         for name, array in dataset.arrays().items():
@@ -172,6 +232,7 @@ def _parse(file: h5py.File) -> Dataset:
         stress_measure=str(file.attrs.get("stress_measure")),
         parameters=json.loads(file.attrs.get("parameters", "{}")),
         versions=json.loads(file.attrs.get("versions", "{}")),
+        silent=tuple(json.loads(file.attrs.get("silent", "[]"))),
         seed=None if seed is None else int(seed),
     )
 
@@ -183,6 +244,8 @@ def take(dataset: Dataset, index: NDArray[Any]) -> Dataset:
 
 def join_datasets(first: Dataset, second: Dataset) -> Dataset:
     """Both sets as one; arrays that only one of them has are dropped, paths of the second are renumbered.
+
+    What is silent in both stays silent.
 
     Raises:
         InputError: they hold different stress measures.
@@ -201,7 +264,8 @@ def join_datasets(first: Dataset, second: Dataset) -> Dataset:
         *second.parameters.get("joined", [second.parameters]),
     ]
     seed = first.seed if first.seed == second.seed else None
-    return dataclasses.replace(first, **joined, parameters={"joined": sources}, seed=seed)
+    silent = tuple(name for name in first.silent if name in second.silent)
+    return dataclasses.replace(first, **joined, silent=silent, parameters={"joined": sources}, seed=seed)
 
 
 def append_dataset(path: str | Path, dataset: Dataset) -> Dataset:

@@ -58,6 +58,7 @@ def read_csv(
     *,
     columns: Mapping[str, Column],
     zero: Collection[str] = (),
+    silent: Collection[str] = (),
     stress_measure: str,
     versions: Mapping[str, str] | None = None,
 ) -> Dataset:
@@ -70,13 +71,15 @@ def read_csv(
         columns: component name -> column. ``path`` and ``step`` (whole numbers, unit "1") are optional; without
             them all points are of path 0, and the step counts the lines.
         zero: components that are 0 at all points, as three stresses in plane stress.
+        silent: names among xx .. xy whose strain and stress are 0 because nothing drove them (tsg_micro.dataset).
         stress_measure: what the stresses are, one of tsg_micro.stress.MEASURES. For first_piola, whose tensor is
             not symmetric, a shear is the mean of its two entries.
         versions: of the software, to be recorded.
 
     Raises:
         InputError: a name or unit is unknown, a component is declared twice or not at all, the file is missing or
-            empty, a column is not there, a cell is no finite number, or a strain is beyond 1.
+            empty, a column is not there, a cell is no finite number, a strain is beyond 1, or a silent component is
+            not zero.
     """
     path = Path(path)
     check_measure(stress_measure)
@@ -101,6 +104,7 @@ def read_csv(
         stress_measure=stress_measure,
         path=values["path"].astype(np.int64) if "path" in columns else np.zeros(count, dtype=np.int64),
         step=values["step"].astype(np.int64) if "step" in columns else np.arange(count),
+        silent=tuple(silent),
         parameters={
             "measured": path.name,
             "columns": {name: asdict(column) for name, column in columns.items()},

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tsg_micro.dataset import Dataset
+from tsg_micro.dataset import Dataset, zero_components
 from tsg_micro.errors import ConvergenceError, InputError
 from tsg_micro.mandel import COMPONENTS, to_mandel
 from tsg_micro.rve import RVE, RVEState
@@ -91,6 +91,8 @@ class PathData:
     negative_pivots: int
     """The most unstable directions that a recorded state has."""
     failure: str | None
+    free: tuple[str, ...] = ()
+    """Strain components without stress."""
 
 
 def sample_path(rve: RVE, box: StrainBox, *, steps: int, seed: int, path: int) -> PathData:
@@ -112,6 +114,7 @@ def sample_path(rve: RVE, box: StrainBox, *, steps: int, seed: int, path: int) -
         tangent=np.array([state.tangent for state in states]).reshape(-1, 6, 6),
         negative_pivots=max((state.equilibrium.negative_pivots or 0 for state in states), default=0),
         failure=failure,
+        free=box.free,
     )
 
 
@@ -138,6 +141,9 @@ def join_paths(
 ) -> Dataset:
     """The data set of all states, in the order of the path numbers; its stress is the first Piola stress.
 
+    Components that were free and yet did not move are declared silent: by the symmetry of the RVE nothing drives them.
+    One that was held at zero is not, as the in-plane shear of the box "stretch".
+
     Raises:
         InputError: no state was reached at all.
     """
@@ -147,9 +153,13 @@ def join_paths(
         reasons = "; ".join(sorted({data.failure for data in ordered if data.failure}))
         raise InputError(f"paths: expected at least one state in equilibrium, got none ({reasons})")
     F = np.concatenate([data.F for data in ordered])
+    strain = to_mandel(F - np.eye(3))
+    stress = to_mandel(np.concatenate([data.first_piola for data in ordered]))
+    free = set.intersection(*(set(data.free) for data in ordered))
     return Dataset(
-        strain=to_mandel(F - np.eye(3)),
-        stress=to_mandel(np.concatenate([data.first_piola for data in ordered])),
+        strain=strain,
+        stress=stress,
+        silent=tuple(name for name in zero_components(strain, stress) if name in free),
         stress_measure="first_piola",
         path=np.repeat([data.path for data in ordered], counts),
         step=np.concatenate([np.arange(count) for count in counts]),

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 import dd_macro as dd
 from dd_macro.parallel import total
-from dd_macro.second_order_steps import Record, tangent_step
+from dd_macro.second_order_steps import Record, local_tangent_step
 from tsg_micro.dataset import Dataset
 from tsg_micro.errors import InputError
 from tsg_micro.parameters import CellParameters, check_bar_force
@@ -180,9 +180,9 @@ def adapt(
         measure=measure or ("first_piola" if dataset is None else dataset.stress_measure),
         adapted={"load": scene.load, "strain": scene.strain},
     )
-    C = make_metric(metric, operator, data.all, conditions)
+    C = make_metric(metric, operator, data.all, conditions, order=2)
     projection = dd.make_projection(operator, C, conditions)
-    step = tangent_step(Record(projection, _MOST_ROUNDS, None))
+    step = local_tangent_step(Record(projection, _MOST_ROUNDS, None))
     rounds: list[Round] = []
     z, surprise, used, added, reason = projection.elastic(), None, 0, 0, ""
     while not reason:
@@ -191,7 +191,7 @@ def adapt(
         search = dd.TangentSearch(known, C)
         last, spaces, iterations = z, search.spaces(z.strain, z.stress), 0
         if rounds or dataset is not None:
-            z, iterations = step(z, spaces, changed=0, search=0.0, final=False), 1
+            z, iterations = step(z, spaces, changed=0, search=0.0, final=step.exact), 1
         change = _change(comm, w, C, z, last) if rounds else None
         error = None if change is None else change * used / added
         used = int(np.count_nonzero(total(comm, np.bincount(spaces.index, minlength=len(known)))))

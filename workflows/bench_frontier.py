@@ -20,13 +20,19 @@ from workflows.frontier_methods import METHODS, Solution, adaptive
 from workflows.loads import SYMBOLS
 from workflows.record import read_summary, write_summary, write_table
 from workflows.reference import describe, read_blocks
-from workflows.scene import Scene
 from workflows.trial import Inputs, Study
 
 __all__ = ["MODELS", "frontier"]
 
-MODELS = (("small", "full"), ("finite", "full"), ("finite", "inplane"))
-"""Kinematics and clamps of the macroscopic model."""
+Model = tuple[str, str, bool]
+MODELS: dict[str, Model] = {
+    "small strain": ("small", "full", False),
+    "finite strain": ("finite", "full", False),
+    "finite strain, in-plane clamps": ("finite", "inplane", True),
+}
+"""Macroscopic models: kinematics, clamps, and whether the sheet is held flat, as the tensegrity is.
+
+In small strain a sheet cannot buckle, and where the clamps hold its thickness it does not."""
 _BUDGETS = (4, 16, 64, 200)
 _REPEATS, _ENOUGH = 3, 10.0
 """Every point is timed as often, unless that takes so many seconds; the shortest time counts."""
@@ -39,8 +45,7 @@ class _Point:
     """A way to solve the scene: what it took, and how far its p or q is (l2) from the tensegrity's and from FE2's."""
 
     method: str
-    kinematics: str
-    clamp: str
+    model: str
     data: int
     """Those it was given, or RVEs that it computed."""
     seconds_sampling: float
@@ -62,12 +67,7 @@ class _Point:
 
     @property
     def name(self) -> str:
-        return f"{self.method}{_model(self.kinematics, self.clamp)}, {self.data} data"
-
-
-def _model(kinematics: str, clamp: str) -> str:
-    """In words, if it is not the first one."""
-    return ", finite strain" * (kinematics == "finite") + ", in-plane clamps" * (clamp == "inplane")
+        return f"{self.method}, {self.model}, {self.data} data"
 
 
 @dataclass(frozen=True)
@@ -95,13 +95,13 @@ def frontier(
     study: Study,
     *,
     fe2: Sequence[Path] = (),
-    models: Sequence[tuple[str, str]] = MODELS,
+    models: Sequence[str] = tuple(MODELS),
     budgets: Sequence[int] = _BUDGETS,
     plots: bool = True,
 ) -> dict[str, Any]:
     """Time and error of data-driven solves (numbers of data, metrics, tangents), adaptive ones, fitted laws, and FE2.
 
-    ``models`` are pairs of kinematics and clamps, ``budgets`` RVEs of the adaptive solves. ``fe2`` are folders of
+    ``models`` are names of :data:`MODELS`, ``budgets`` RVEs of the adaptive solves. ``fe2`` are folders of
     ``tsgdd fe2`` for some of the models; the others are stages, as tensegrity and data are where they are not given.
     Where all is run here, it is on one machine and the ratios are of one run. A method that fails is a point that says
     so. frontier.csv has a row for every point. None of them is tuned to the reference.
@@ -119,9 +119,8 @@ def frontier(
         raise InputError(f"data: expected the time of sampling in the summary beside {found.data}, got none")
     per_datum = sampled["seconds_in_file"] / sampled["points_in_file"]
     points: list[_Point] = []
-    for kinematics, clamp in models:
-        scene = dataclasses.replace(found.scene, kinematics=kinematics, clamp=clamp)
-        for point in _points_of(study, found, scene, known.get((kinematics, clamp)), (per_datum, budgets)):
+    for model in models:
+        for point in _points_of(study, found, model, known.get(MODELS[model]), per_datum, budgets):
             points.append(point)
             study.say(f"{point.name:60} {_shown(point)}, {point.seconds_solve:.2f} + {point.seconds_sampling:.2f} s")
     rows = [dataclasses.asdict(point) for point in points]
@@ -133,7 +132,12 @@ def frontier(
     summary = write_summary(
         out,
         command="bench frontier",
-        parameters={**study.parameters(found), "fe2": list(fe2), "models": list(models), "budgets": list(budgets)},
+        parameters={
+            **study.parameters(found),
+            "fe2": list(fe2),
+            "models": {name: MODELS[name] for name in models},
+            "budgets": list(budgets),
+        },
         figures={
             "symbol": (SYMBOLS[load], ""),
             "dns_seconds": (full["seconds"], "s"),
@@ -162,14 +166,15 @@ def _shown(point: _Point) -> str:
 
 
 def _points_of(
-    study: Study, found: Inputs, scene: Scene, fe2: Path | None, extent: tuple[float, Sequence[int]]
+    study: Study, found: Inputs, model: str, fe2: Path | None, per_datum: float, budgets: Sequence[int]
 ) -> Iterator[_Point]:
-    """All points of one model; ``extent``: seconds for a datum, and budgets of RVEs."""
-    per_datum, budgets = extent
+    """All points of one model; sampling took ``per_datum`` seconds."""
+    kinematics, clamp, flat = MODELS[model]
+    scene = dataclasses.replace(found.scene, kinematics=kinematics, clamp=clamp, flat=flat)
     dataset = dd.biot_dataset(found.dataset) if scene.kinematics == "finite" else found.dataset
     methods = [method for method in METHODS if scene.kinematics in method.kinematics]
     adapted = partial(adaptive, bar_force=study.chain.bar_force, measure=dataset.stress_measure)
-    point: Callable[..., _Point] = partial(_Point, kinematics=scene.kinematics, clamp=scene.clamp)
+    point: Callable[..., _Point] = partial(_Point, model=model)
     small, few = dataclasses.replace(scene, elements=(3, 3, 1)), take(dataset, np.arange(min(20, len(dataset))))
     for run in (*(partial(method.solve, small, few) for method in methods), partial(adapted, small, budget=2)):
         _timed(run, repeats=1)  # kernels are compiled and libraries loaded before the clock runs
@@ -242,19 +247,19 @@ def _fe2_blocks(folder: Path) -> dd.BlockStress:
     return dd.BlockStress(fields.midpoint, fields.cell_mean(fields.mechanical_stress), fields.stress_measure)
 
 
-def _known_fe2(study: Study, folders: Sequence[Path]) -> dict[tuple[str, str], Path]:
-    """The folders by kinematics and clamps.
+def _known_fe2(study: Study, folders: Sequence[Path]) -> dict[Model, Path]:
+    """The folders by their model.
 
     Raises:
         InputError: one is not of FE2, or of another scene.
     """
     chain = study.chain
-    known: dict[tuple[str, str], Path] = {}
+    known: dict[Model, Path] = {}
     scene = {"load": study.load, "strain": chain.strain, "bar_force": chain.bar_force, "elements": [*chain.elements]}
     for folder in folders:
         there = read_summary(folder, "fe2")["parameters"]
         for name, value in scene.items():
             if there.get(name) != value:
                 raise InputError(f"fe2: expected {name} {value} in {folder}, got {there.get(name)}")
-        known[there.get("kinematics", "small"), there.get("clamp", "full")] = folder
+        known[there.get("kinematics", "small"), there.get("clamp") or "full", bool(there.get("flat"))] = folder
     return known

@@ -82,7 +82,7 @@ class Chain:
         from workflows.fe2 import fe2
 
         run: dict[str, Any] = {**scene.parameters(), "bar_force": self.bar_force}
-        name = "-".join(["fe2", scene.load, scene.kinematics, scene.clamp])
+        name = "-".join(["fe2", scene.load, scene.kinematics, scene.clamp] + ["flat"] * scene.flat)
         solve = partial(fe2, scene=scene, bar_force=self.bar_force, plots=False, say=say)
         return stages.run(name, run, solve)
 

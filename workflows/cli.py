@@ -17,6 +17,7 @@ from workflows.options import (
     Clamp,
     ClampName,
     Degree,
+    Flat,
     Images,
     Kinematics,
     KinematicsName,
@@ -162,6 +163,7 @@ def solve(
     kinematics: Kinematics = KinematicsName.small,
     clamp: Clamp = ClampName.full,
     degree: Degree = 1,
+    flat: Flat = False,
     stress_measure: Annotated[
         Measure | None, typer.Option(help="Stress to solve in, or to write in finite strain; else that of the data.")
     ] = None,
@@ -178,7 +180,7 @@ def solve(
     summary = run(
         out,
         data=data,
-        scene=Scene(load.value, strain, elements, mesh, kinematics.value, clamp.value, degree),
+        scene=Scene(load.value, strain, elements, mesh, kinematics.value, clamp.value, degree, flat),
         metric=metric,
         order=order,
         stress_measure=None if stress_measure is None else stress_measure.value,
@@ -218,13 +220,16 @@ def import_csv(
     column: Annotated[list[str], typer.Option(help="COMPONENT=HEADER:UNIT, e.g. eps_yy=strain:% ; once a column.")],
     out: OutFile,
     zero: Annotated[list[str] | None, typer.Option(help="Component known to be zero, e.g. sigma_zz.")] = None,
+    silent: Annotated[
+        list[str] | None, typer.Option(help="Zero as nothing drove it, e.g. yz: not in the metric.")
+    ] = None,
     stress_measure: Annotated[Measure, typer.Option(help="What the measured stress is.")] = Measure.cauchy,
 ) -> None:
     """Turn measured data into a data set; columns and units are declared, nothing is guessed."""
     check_alone("import-csv")
     from workflows.import_csv import import_csv as run
 
-    run(csv, column=column, zero=zero or [], stress_measure=stress_measure.value, out=out)
+    run(csv, column=column, zero=zero or [], silent=silent or [], stress_measure=stress_measure.value, out=out)
 
 
 app.add_typer(cli_scenes.scenes)

@@ -12,6 +12,7 @@ from workflows.options import (
     Clamp,
     ClampName,
     Degree,
+    Flat,
     Kinematics,
     KinematicsName,
     Load,
@@ -35,6 +36,7 @@ def fe2(
     kinematics: Kinematics = KinematicsName.small,
     clamp: Clamp = ClampName.full,
     degree: Degree = 1,
+    flat: Flat = False,
     steps: Annotated[int, typer.Option(help="Load steps; they are halved where Newton's method fails.")] = 1,
     tolerance: Annotated[float, typer.Option(help="Out-of-balance force over that of the supports.")] = 1e-9,
     plots: Plots = True,
@@ -46,7 +48,7 @@ def fe2(
 
     summary = run(
         out,
-        scene=Scene(load.value, strain, elements, mesh, kinematics.value, clamp.value, degree),
+        scene=Scene(load.value, strain, elements, mesh, kinematics.value, clamp.value, degree, flat),
         bar_force=bar_force,
         steps=steps,
         options=dd_macro.ReferenceOptions(tolerance=tolerance),

@@ -63,7 +63,7 @@ def second_order(scene: Scene, dataset: Dataset) -> Solution:
         InputError: there are no tangents, and too few data for them to be estimated.
         ConvergenceError: the solve did not converge.
     """
-    operator, projection = _projection(scene, "auto", dataset)
+    operator, projection = _projection(scene, "auto", dataset, order=2)
     result = dd.solve_second_order(projection, dd.TangentSearch(with_tangents(dataset), projection.metric))
     return Solution(operator, result, f"{result.iterations} iterations")
 
@@ -101,11 +101,14 @@ def adaptive(scene: Scene, *, bar_force: float, budget: int, measure: str) -> So
     return Solution(operator, found.result, note, rves=last.rves, seconds_rve=last.seconds_rve)
 
 
-def _projection(scene: Scene, metric: str, dataset: Dataset) -> tuple[dd.StrainOperator, dd.Projection]:
-    """The scene in this process, with the metric of this name from the data."""
+def _projection(
+    scene: Scene, metric: str, dataset: Dataset, *, order: int = 1
+) -> tuple[dd.StrainOperator, dd.Projection]:
+    """The scene in this process, with the metric of this name from the data for solves of ``order``."""
     domain = scene.build(MPI.COMM_SELF)
     operator, conditions = scene.operator(domain), scene.conditions(domain)
-    return operator, dd.make_projection(operator, make_metric(metric, operator, dataset, conditions), conditions)
+    C = make_metric(metric, operator, dataset, conditions, order=order)
+    return operator, dd.make_projection(operator, C, conditions)
 
 
 METHODS = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -35,24 +36,28 @@ def parse_columns(column: list[str]) -> dict[str, Column]:
     return columns
 
 
-def import_csv(csv: Path, *, column: list[str], zero: list[str], stress_measure: str, out: Path) -> None:
+def import_csv(
+    csv: Path, *, column: list[str], zero: list[str], silent: Sequence[str] = (), stress_measure: str, out: Path
+) -> None:
     """Write the CSV file's points to the data set ``out`` with its summary, and print what came in.
 
-    ``zero`` takes names one by one or parted by commas.
+    ``zero`` and ``silent`` take names one by one or parted by commas.
 
     Raises:
         InputError: as tsg_micro.measured.read_csv, or ``out`` cannot be written.
     """
-    names = [name.strip() for text in zero for name in text.split(",") if name.strip()]
+    zeros, quiet = (
+        [name.strip() for text in texts for name in text.split(",") if name.strip()] for texts in (zero, silent)
+    )
     columns = parse_columns(column)
     output_file(out)
-    data = read_csv(csv, columns=columns, zero=names, stress_measure=stress_measure, versions=versions())
+    data = read_csv(csv, columns=columns, zero=zeros, silent=quiet, stress_measure=stress_measure, versions=versions())
     write_dataset(out, data)
     p, q = pressure(data.stress), von_mises(data.stress)
     write_summary(
         out,
         command="import-csv",
-        parameters={"csv": csv, "column": column, "zero": names, "stress_measure": stress_measure},
+        parameters={"csv": csv, "column": column, "zero": zeros, "silent": quiet, "stress_measure": stress_measure},
         figures={
             "points": (len(data), ""),
             "paths": (len(np.unique(data.path)), ""),

@@ -15,6 +15,7 @@ __all__ = [
     "Clamp",
     "ClampName",
     "Degree",
+    "Flat",
     "Images",
     "Kinematics",
     "KinematicsName",
@@ -84,6 +85,7 @@ Strain = Annotated[float, typer.Option(help="Displacement of the top side over t
 Kinematics = Annotated[KinematicsName, typer.Option(help="Strain of the macroscopic scene: small or finite.")]
 Clamp = Annotated[ClampName, typer.Option(help="Bottom and top hold all of u, or its part in the plane of the sheet.")]
 Degree = Annotated[int, typer.Option(help="Degree of the elements, 1 or 2.")]
+Flat = Annotated[bool, typer.Option("--flat/--free", help="Hold the back side in its plane: the sheet cannot buckle.")]
 Plots = Annotated[bool, typer.Option("--plots/--no-plots", help="Draw the figures and write the ParaView file.")]
 
 

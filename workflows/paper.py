@@ -41,7 +41,7 @@ def paper(
         InputError: an argument is not valid.
         ConvergenceError: a solver did not converge.
     """
-    from workflows.bench_frontier import MODELS, frontier
+    from workflows.bench_frontier import frontier
     from workflows.compare import compare
     from workflows.report import write_report
     from workflows.study_causes import causes
@@ -82,7 +82,7 @@ def paper(
         stages.run(f"sampling-{load}", runs, sampled, (f"data-{load}", f"dd-{load}"))
         sized, asked = partial(data_size, count=sizes, draws=draws), {**runs, "sizes": sizes, "draws": draws}
         stages.run(f"data-size-{load}", asked, _of(study, sized), pair)
-        stages.run(f"frontier-{load}", runs, _of(study, partial(frontier, models=MODELS[:1])), pair)
+        stages.run(f"frontier-{load}", runs, _of(study, partial(frontier, models=["small strain"])), pair)
         stages.run(f"causes-{load}", runs, _of(study, causes), (*pair, f"dns-{load}-free"))
     with atomic_path(out / "report.md") as temporary:
         rows = write_report(temporary, out, chain)

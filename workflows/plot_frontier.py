@@ -17,11 +17,11 @@ __all__ = ["plot_frontier", "save_figure"]
 
 _COLOURS = ("#222222", "#20639b", "#3caea3", "#7a5195", "#c8553d", "#ed9b40", "#8c6d31", "#999999", "#d62f8a")
 _MARKERS = "Xosdv^P*D"
-_MODELS: dict[tuple[str, str], tuple[str, dict[str, Any]]] = {
-    ("small", "full"): ("small strain", {"linestyle": "-", "fillstyle": "full"}),
-    ("finite", "full"): ("finite strain", {"linestyle": "--", "fillstyle": "none"}),
-    ("finite", "inplane"): ("finite strain, in-plane clamps", {"linestyle": ":", "fillstyle": "left"}),
-}
+_LINES: tuple[dict[str, Any], ...] = (
+    {"linestyle": "-", "fillstyle": "full"},
+    {"linestyle": "--", "fillstyle": "none"},
+    {"linestyle": ":", "fillstyle": "left"},
+)
 _FLOOR = "FE2"
 
 Row = Mapping[str, Any]
@@ -37,7 +37,7 @@ def plot_frontier(rows: Sequence[Row], dns_seconds: float, summary: Mapping[str,
         name: {"color": colour, "marker": marker, "markersize": 6, "linewidth": 1.0}
         for name, colour, marker in zip(methods, _COLOURS, _MARKERS, strict=False)
     }
-    used = [key for key in _MODELS if any(_model(row) == key for row in rows)]
+    models = dict(zip(dict.fromkeys(row["model"] for row in rows), _LINES, strict=False))
     symbol = summary["symbol"]
     labels = (
         f"error of ${symbol}$ against the tensegrity / %",
@@ -48,22 +48,18 @@ def plot_frontier(rows: Sequence[Row], dns_seconds: float, summary: Mapping[str,
         for axes, error, label in zip(
             figure.subplots(1, 2, sharex=True), ("error_mech", "error_fe2"), labels, strict=True
         ):
-            for key in used:
+            for model, lines in models.items():
                 for method in methods:
-                    own = [row for row in rows if row["method"] == method and _model(row) == key]
-                    _curve(axes, [row for row in own if row[error]], error, {**styles[method], **_MODELS[key][1]})
+                    own = [row for row in rows if row["method"] == method and row["model"] == model]
+                    _curve(axes, [row for row in own if row[error]], error, {**styles[method], **lines})
             axes.axvline(dns_seconds, color="0.3", linestyle=(0, (5, 1)), linewidth=1.2)
             _scales(axes)
             axes.set_ylabel(label)
             axes.set_xlabel("time of sampling and solve / s")
-        _legend(figure, styles, used, f"{summary['reference']}, {dns_seconds:.3g} s")
+        _legend(figure, styles, models, f"{summary['reference']}, {dns_seconds:.3g} s")
         machine = summary["machine"]
         figure.text(0.995, 0.005, f"{machine['processor']}, {machine['cores']} cores", fontsize=8, ha="right")
     return figure
-
-
-def _model(row: Row) -> tuple[str, str]:
-    return row["kinematics"], row["clamp"]
 
 
 def _curve(axes: Axes, rows: Sequence[Row], error: str, style: Mapping[str, Any]) -> None:
@@ -92,11 +88,11 @@ def _scales(axes: Axes) -> None:
     axes.grid(alpha=0.3)
 
 
-def _legend(figure: Figure, styles: Mapping[str, Mapping[str, Any]], used: Sequence[tuple[str, str]], dns: str) -> None:
+def _legend(
+    figure: Figure, styles: Mapping[str, Mapping[str, Any]], models: Mapping[str, Mapping[str, Any]], dns: str
+) -> None:
     """Colours and markers are methods, lines and fillings models."""
     handles = [Line2D([], [], label=name, **style) for name, style in styles.items()]
-    for key in used:
-        label, style = _MODELS[key]
-        handles.append(Line2D([], [], color="0.4", marker="o", label=label, **style))
+    handles += [Line2D([], [], color="0.4", marker="o", label=name, **lines) for name, lines in models.items()]
     handles.append(Line2D([], [], color="0.3", linestyle=(0, (5, 1)), label=dns))
     figure.legend(handles=handles, loc="outside upper center", ncols=4, fontsize=9)

@@ -141,6 +141,7 @@ def sample(
             "paths": (paths, ""),
             "failed_paths": (len(failures), ""),
             "failures": (failures[:5], ""),
+            "silent": (stored.silent, ""),
             "negative_pivots": (max(data.negative_pivots for data in done), ""),
             "processes": (size if comm is not None else processes, ""),
             "seconds": (seconds, "s"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +42,8 @@ class Scene:
 
     ``kinematics`` is "small" or "finite" strain. The sides with a displacement are held in all three components
     (``clamp`` "full"), or in the plane of the sheet alone ("inplane"), where their thickness is free: the hold on the
-    thickness fades over a third of a block, which elements of a block cannot follow. ``degree`` of the elements.
+    thickness fades over a third of a block, which elements of a block cannot follow. ``degree`` of the elements. A
+    ``flat`` sheet has its back side held in its plane, so that it cannot buckle.
     """
 
     load: str
@@ -52,6 +53,7 @@ class Scene:
     kinematics: str = "small"
     clamp: str = "full"
     degree: int = 1
+    flat: bool = False
 
     def __post_init__(self) -> None:
         check_load(self.load, self.strain)
@@ -76,21 +78,25 @@ class Scene:
         """Bottom side held, top side moved by the strain times the height of the mesh; collective."""
         bottom, top = _extent(domain, 1)
         moved = top_displacement(self.load, self.strain, top - bottom)
+        back = [dd.Displacement("back", (0.0,), (2,))] if self.flat else []
         if self.clamp == "full":
-            return [dd.Displacement("bottom"), dd.Displacement("top", value=moved)]
-
-        back, front = _extent(domain, 2)
-
-        def lower_edge(x: NDArray[np.float64]) -> NDArray[np.bool_]:
-            return np.asarray(x[:, 2] < back + 1e-6 * (front - back))
-
-        sides = (("bottom", (0.0, 0.0, 0.0)), ("top", moved))
-        in_plane = [dd.Displacement(side, value[:2], (0, 1)) for side, value in sides]
-        return in_plane + [dd.Displacement(side, value[2:], (2,), where=lower_edge) for side, value in sides]
+            return [*back, dd.Displacement("bottom"), dd.Displacement("top", value=moved)]
+        in_plane = [dd.Displacement("bottom", (0.0, 0.0), (0, 1)), dd.Displacement("top", moved[:2], (0, 1))]
+        return [*in_plane, *(back or _lower_edges(domain))]
 
     def parameters(self) -> dict[str, object]:
         """For the summary."""
         return asdict(self)
+
+
+def _lower_edges(domain: dd.TaggedMesh) -> list[dd.Displacement]:
+    """Bottom and top held across the plane where z is least; they leave their thickness free."""
+    back, front = _extent(domain, 2)
+
+    def lower(x: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return np.asarray(x[:, 2] < back + 1e-6 * (front - back))
+
+    return [dd.Displacement(side, (0.0,), (2,), where=lower) for side in ("bottom", "top")]
 
 
 def _extent(domain: dd.TaggedMesh, axis: int) -> tuple[float, float]:
@@ -107,14 +113,19 @@ def check_metric(name: str) -> None:
 
 
 def make_metric(
-    name: str, operator: dd.StrainOperator, dataset: Dataset, conditions: list[dd.Displacement]
+    name: str, operator: dd.StrainOperator, dataset: Dataset, conditions: list[dd.Displacement], *, order: int = 1
 ) -> dd.Metric:
     """The metric of this name for the scene; collective.
+
+    What the data declare silent does not count in it, unless the tangents are asked (``order`` 2): those of RVEs answer
+    every strain.
 
     Raises:
         InputError: no such metric, or the data give none.
     """
     check_metric(name)
+    if order == 2 and dataset.tangent is not None:
+        dataset = replace(dataset, silent=())
     if name == "visited":
         return dd.visited_tangent(operator, dataset, conditions)
     choose = {"auto": dd.metric_from_dataset, "tangent": dd.mean_tangent, "secant": dd.secant_modulus}[name]

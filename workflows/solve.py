@@ -81,7 +81,7 @@ def solve(
         C = projection.metric
     else:
         assert dataset is not None
-        C = make_metric(metric, operator, dataset, conditions)
+        C = make_metric(metric, operator, dataset, conditions, order=order)
         chosen = time.perf_counter()
         projection = dd.make_projection(operator, C, conditions)
         search = dd.MaterialSearch(dataset, C) if order == 1 else dd.TangentSearch(with_tangents(dataset), C)

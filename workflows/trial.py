@@ -141,8 +141,8 @@ class Bench:
         return row, result.mechanical
 
 
-def make_bench(scene: Scene, metric: dd.Metric | str, dataset: Dataset, blocks: Dataset) -> Bench:
-    """The scene in this process, with a metric of its own or made from ``dataset`` by name.
+def make_bench(scene: Scene, metric: dd.Metric | str, dataset: Dataset, blocks: Dataset, *, order: int = 1) -> Bench:
+    """The scene in this process, with a metric of its own or made from ``dataset`` by name for solves of ``order``.
 
     Raises:
         InputError: no such metric, or the data give none.
@@ -150,6 +150,6 @@ def make_bench(scene: Scene, metric: dd.Metric | str, dataset: Dataset, blocks: 
     domain = scene.build(MPI.COMM_SELF)
     operator, conditions = scene.operator(domain), scene.conditions(domain)
     if isinstance(metric, str):
-        metric = make_metric(metric, operator, dataset, conditions)
+        metric = make_metric(metric, operator, dataset, conditions, order=order)
     projection = dd.make_projection(operator, metric, conditions)
     return Bench(operator, conditions, projection, blocks, SYMBOLS[scene.load])

@@ -10,6 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from dd_macro import MaterialSearch, Metric, isotropic, mean_tangent, metric_from_dataset, secant_modulus
 from tsg_micro.errors import InputError
+from tsg_micro.mandel import COMPONENTS
 
 vectors = arrays(np.float64, 6, elements=st.floats(-1, 1, allow_nan=False))
 
@@ -93,6 +94,50 @@ def test_metric_of_unusable_data(make_dataset, rng):
     strain = rng.normal(size=(20, 6))
     with pytest.raises(InputError, match="are the signs of stress right"):
         metric_from_dataset(make_dataset(strain, -strain))
+
+
+@settings(deadline=None, max_examples=40, derandomize=True)
+@given(vectors, vectors, st.sets(st.sampled_from(COMPONENTS), min_size=1, max_size=5), st.integers(0, 1000))
+def test_distance_without_silent_components(strain, stress, silent, seed):
+    """It is that of C_aa and its inverse, and c |strain|^2 / 2 + |stress|^2 / (2 c) of the silent ones."""
+    C = spd(seed)
+    counted = np.array([name not in silent for name in COMPONENTS])
+    A = C[np.ix_(counted, counted)]
+    c = 1e-3 * np.trace(A) / len(A)
+    e, s, f, t = strain[counted], stress[counted], strain[~counted], stress[~counted]
+    metric = Metric(C, "test").without(silent)
+    expected = e @ A @ e + s @ np.linalg.solve(A, s) + c * f @ f + t @ t / c
+    assert (metric.whiten(strain, stress) ** 2).sum() == pytest.approx(0.5 * expected, rel=1e-9, abs=1e-9)
+    assert "silent" in metric.reason
+    assert metric.without(()) is metric
+
+
+@pytest.mark.parametrize("silent", [("zx",), COMPONENTS])
+def test_components_that_cannot_be_silent(silent):
+    with pytest.raises(InputError, match="silent: expected some of xx, yy, zz, yz, xz, xy, got"):
+        Metric(np.eye(6), "test").without(silent)
+
+
+def test_metric_of_data_does_not_know_what_is_silent(rng, make_dataset):
+    """Neither the modulus of silent components nor their coupling is in it, from tangents and from stresses."""
+    strain = rng.normal(size=(40, 6)) * [1, 1, 1, 0, 0, 1]
+    A = spd(4)
+    rest = np.ix_([0, 1, 2, 5], [0, 1, 2, 5])
+    metrics = []
+    for seed, size in ((5, 1.0), (6, 1e3)):
+        B = size * spd(seed)
+        B[rest] = A[rest]
+        given = np.broadcast_to(B, (40, 6, 6))
+        metrics.append(
+            metric_from_dataset(
+                make_dataset(strain, strain @ A * strain.any(axis=0), tangent=given, silent=("yz", "xz"))
+            )
+        )
+    np.testing.assert_array_equal(metrics[0].C, metrics[1].C)
+    assert metrics[0].reason == "mean tangent of 40 data, yz and xz silent"
+    secant = secant_modulus(make_dataset(strain, strain @ A * strain.any(axis=0), silent=("yz", "xz")))
+    np.testing.assert_allclose(secant.C, metrics[0].C, rtol=1e-9, atol=1e-9 * A.max())
+    assert secant.reason == "least-squares secant of 40 data, yz and xz silent"  # nothing had to be filled
 
 
 def brute_force(data, z):

@@ -51,7 +51,7 @@ def assert_same(a, b):
     assert a.arrays().keys() == b.arrays().keys()
     for name, array in a.arrays().items():
         np.testing.assert_array_equal(array, b.arrays()[name])
-    for name in ("stress_measure", "parameters", "versions", "seed"):
+    for name in ("stress_measure", "parameters", "versions", "seed", "silent"):
         assert getattr(a, name) == getattr(b, name)
 
 
@@ -139,6 +139,68 @@ def test_folders_that_cannot_be_written(data, tmp_path):
     assert output_folder(tmp_path / "a" / "b").is_dir()
 
 
+@pytest.fixture
+def sheet(data):
+    """Nothing in yz and xz but round-off, and F that knows nothing of it either."""
+    strain, stress, F = data.strain.copy(), data.stress.copy(), data.deformation_gradient.copy()
+    strain[:, 3:5], stress[:, 3:5] = 1e-13, 1e-11
+    F[:, [0, 1, 2, 2], [2, 2, 0, 1]] = 1e-15
+    return dataclasses.replace(data, strain=strain, stress=stress, deformation_gradient=F, silent=("xz", "yz"))
+
+
+def test_silent_components_are_kept(sheet, tmp_path):
+    """In the file, and by all that makes data from data; their round-off is zero, also after a change of measure."""
+    assert sheet.silent == ("yz", "xz")
+    np.testing.assert_array_equal(sheet.counted, [1, 1, 1, 0, 0, 1])
+    write_dataset(tmp_path / "data.h5", sheet)
+    read = read_dataset(tmp_path / "data.h5")
+    assert_same(read, sheet)
+    near_zero = dataclasses.replace(sheet, strain=1e-9 * sheet.strain, stress=1e-9 * sheet.stress)
+    for made in (
+        read,
+        take(read, np.array([2])),
+        take(near_zero, np.array([1])),
+        convert_dataset(read, "cauchy"),
+        append_dataset(tmp_path / "data.h5", read),
+    ):
+        assert made.silent == ("yz", "xz")
+        assert not made.strain[:, 3:5].any()
+        assert not made.stress[:, 3:5].any()
+        assert made.stress[:, [0, 1, 2, 5]].all()
+
+
+def test_joined_data_are_silent_where_both_are(sheet):
+    other = dataclasses.replace(sheet, silent=("xz",))
+    assert join_datasets(sheet, other).silent == join_datasets(other, sheet).silent == ("xz",)
+    assert join_datasets(sheet, dataclasses.replace(sheet, silent=())).silent == ()
+
+
+def test_data_without_a_declaration_are_not_silent(data, tmp_path):
+    write_dataset(tmp_path / "data.h5", data)
+    with h5py.File(tmp_path / "data.h5") as file:
+        assert "silent" not in file.attrs
+    assert read_dataset(tmp_path / "data.h5").silent == ()
+
+
+@pytest.mark.parametrize(
+    ("silent", "text"),
+    [
+        (("zx",), "silent: expected components among xx, yy, zz, yz, xz, xy, each once and not all of them, got zx"),
+        (("yz", "yz"), "each once and not all of them, got yz, yz"),
+        (("xx", "yy", "zz", "yz", "xz", "xy"), "each once and not all of them"),
+        (("yz", "zz"), "silent: expected zero strain and stress in zz at every point, got up to 2.46 and 0 Pa"),
+        (("xy",), "silent: expected zero strain and stress in xy at every point, got up to"),
+    ],
+)
+def test_silent_components_that_are_not(sheet, silent, text):
+    stress = sheet.stress.copy()
+    stress[:, 2] = 0.0  # free of stress as the zz of a sheet, whose strain says something all the same
+    strain = sheet.strain.copy()
+    strain[3, 2] = -2.46
+    with pytest.raises(InputError, match=text):
+        dataclasses.replace(sheet, strain=np.clip(strain, -2.46, 2.46), stress=stress, silent=silent)
+
+
 def change(name, value):
     def edit(file):
         del file[name]
@@ -160,6 +222,8 @@ def attribute(name, value):
         (attribute("schema", 2), "expected schema 1, got 2"),
         (attribute("stress_measure", "nominal"), "stress measure: expected one of cauchy, .*, got 'nominal'"),
         (lambda file: file.attrs.__delitem__("stress_measure"), "stress measure: expected one of"),
+        (attribute("silent", '["zx"]'), "silent: expected components among xx, .*, got zx"),
+        (attribute("silent", "3"), "damaged"),
         (lambda file: file.__delitem__("stress"), "expected the arrays strain, stress, path, step, stress is missing"),
         (lambda file: file["stress"].attrs.__setitem__("unit", "kPa"), "stress: expected the unit 'Pa', got 'kPa'"),
         (lambda file: file["strain"].attrs.__delitem__("unit"), "strain: expected the unit '1', got None"),

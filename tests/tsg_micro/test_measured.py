@@ -186,10 +186,12 @@ def test_import_writes_a_valid_data_set(tmp_path, capsys):
         tmp_path / "pull.csv",
         column=["eps_yy=strain:%", "sigma_yy=stress:kPa"],
         zero=zero,
+        silent=["yz,xz", "xy"],
         stress_measure="cauchy",
         out=out,
     )
     data = read_dataset(out)
+    assert data.silent == ("yz", "xz", "xy")
     along_y = np.eye(6)[1]
     np.testing.assert_allclose(data.strain, np.outer([0.0, 0.025], along_y), rtol=1e-14)
     np.testing.assert_allclose(data.stress, np.outer([0.0, 30.0], along_y), rtol=1e-14)
@@ -209,6 +211,12 @@ def test_import_writes_a_valid_data_set(tmp_path, capsys):
                 stress_measure="cauchy",
                 out=tmp_path / bad,
             )
+
+
+def test_silent_columns_must_be_zero(tmp_path):
+    (tmp_path / "plane.csv").write_text(f"{HEADERS}\n1,0.02,3,4,5\n")
+    with pytest.raises(InputError, match=r"silent: expected zero strain and stress in xy .* 0\.0212 and 7\.07e\+03 Pa"):
+        read_csv(tmp_path / "plane.csv", columns=PLANE, zero=ZERO, silent=["xy"], stress_measure="cauchy")
 
 
 def test_column_texts():

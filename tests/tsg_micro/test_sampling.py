@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from tsg_micro.dataset import zero_components
 from tsg_micro.errors import InputError
 from tsg_micro.mandel import COMPONENTS, from_mandel, to_mandel
 from tsg_micro.newton import NewtonOptions
@@ -111,6 +112,14 @@ def test_data_hold_the_states(serial):
     assert np.linalg.eigvalsh(data.tangent).min() < data.tangent.max()
     assert all(path.negative_pivots == 0 and path.failure is None for path in serial)
     assert (data.seed, data.parameters) == (SEED, {"box": "inplane"})
+    assert data.silent == ("yz", "xz")  # free of stress, and not strained: unlike zz
+
+
+def test_what_is_held_at_zero_is_not_silent():
+    """The in-plane shear of this box has neither strain nor stress, but because it is held: that is a fact."""
+    data = joined(sample_paths(build_rve(bar_force=1e-8), BOXES["stretch"], paths=[0], steps=2, seed=SEED))
+    assert "xy" in zero_components(data.strain, data.stress)
+    assert data.silent == ("yz", "xz")
 
 
 def test_full_box_prescribes_all_six():
@@ -121,6 +130,7 @@ def test_full_box_prescribes_all_six():
     assert len(done) == 2
     prescribed = np.concatenate([strain_path(box, steps=2, seed=SEED, path=p) for p in (0, 7)])
     np.testing.assert_allclose(joined(paths).strain, prescribed, atol=1e-14)
+    assert joined(paths).silent == ()
     assert np.abs(prescribed).min() > 0.0
 
 

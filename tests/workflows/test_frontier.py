@@ -16,6 +16,7 @@ from workflows.frontier_methods import METHODS
 from workflows.trial import Study
 
 FEW = tuple(method for method in METHODS if not method.name.endswith(("visited", "secant", "energy law")))
+MODELS = ("small strain", "finite strain, in-plane clamps")
 SCENE = ("--load", "stretch", "--blocks", 4, 4, "--strain", 0.04)
 
 
@@ -27,21 +28,21 @@ def run(chain, tmp_path_factory):
         patch.setattr("workflows.bench_frontier._REPEATS", 1)
         patch.setattr("workflows.bench_frontier.METHODS", FEW)
         study = Study(out, "stretch", Chain(blocks=(4, 4), strain=0.04), chain.dns, chain.data)
-        return out, frontier(study, models=(("small", "full"), ("finite", "inplane")), budgets=(2, 8, 32))
+        return out, frontier(study, models=MODELS, budgets=(2, 8, 32))
 
 
-def points(summary, method, kinematics="small"):
-    return [p for p in summary["points"] if p["method"] == method and p["kinematics"] == kinematics]
+def points(summary, method, model=MODELS[0]):
+    return [p for p in summary["points"] if p["method"] == method and p["model"] == model]
 
 
 def test_every_method_is_there(run, is_png):
     out, summary = run
     for method in FEW:
-        for kinematics in method.kinematics:
-            assert [p["data"] for p in points(summary, method.name, kinematics)] == [1, 10, 100]
-    for kinematics in ("small", "finite"):
-        assert len(points(summary, "FE2", kinematics)) == 1
-        assert [p["data"] for p in points(summary, "adaptive from nothing", kinematics)] == [2, 8, 32]
+        for model in MODELS[: len(method.kinematics)]:
+            assert [p["data"] for p in points(summary, method.name, model)] == [1, 10, 100]
+    for model in MODELS:
+        assert len(points(summary, "FE2", model)) == 1
+        assert [p["data"] for p in points(summary, "adaptive from nothing", model)] == [2, 8, 32]
     assert is_png(out / "frontier.png")
     assert len((out / "frontier.csv").read_text().splitlines()) == 1 + len(summary["points"])
     for point in summary["points"]:
@@ -52,12 +53,12 @@ def test_every_method_is_there(run, is_png):
 
 def test_what_the_data_leave(run):
     _, summary = run
-    for kinematics in ("small", "finite"):
-        adapted = [p["error_fe2"] for p in points(summary, "adaptive from nothing", kinematics)]
-        assert adapted[0] > 2 * max(adapted[1:])
-        assert max(adapted[1:]) < 0.01
-        floor = points(summary, "FE2", kinematics)[0]["error_mech"]
-        last = points(summary, "adaptive from nothing", kinematics)[-1]
+    for model in MODELS:
+        adapted = [p["error_fe2"] for p in points(summary, "adaptive from nothing", model)]
+        assert adapted[-1] < 0.003
+        assert adapted[-1] < 0.2 * points(summary, "second-order data", model)[-1]["error_fe2"]
+        floor = points(summary, "FE2", model)[0]["error_mech"]
+        last = points(summary, "adaptive from nothing", model)[-1]
         assert last["error_mech"] == pytest.approx(floor, abs=2 * last["error_fe2"])
 
 
@@ -109,10 +110,10 @@ def test_fe2_is_taken_from_where_it_is(run, chain, tsgdd, read_summary, tmp_path
     monkeypatch.setattr(Chain, "fe2", fail)
     monkeypatch.setattr("workflows.bench_frontier.METHODS", METHODS[:1])
     study = Study(tmp_path / "2", "stretch", Chain(blocks=(4, 4), strain=0.04), chain.dns, chain.data)
-    models = (("small", "full"), ("finite", "full"))
+    models = ("small strain", "finite strain")
     again = frontier(study, fe2=[Path(given[-1])], models=models, budgets=(8,), plots=False)
     assert points(again, "FE2")[0] == points(summary, "FE2")[0]
-    assert points(again, "FE2", "finite")[0]["note"] == "failed: it left"
-    adapted = points(again, "adaptive from nothing", "finite")[0]
+    assert points(again, "FE2", models[1])[0]["note"] == "failed: it left"
+    adapted = points(again, "adaptive from nothing", models[1])[0]
     assert adapted["error_mech"] is not None
     assert adapted["error_fe2"] is None

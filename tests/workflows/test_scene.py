@@ -22,10 +22,10 @@ def strains(scene):
     return operator, result
 
 
-@pytest.mark.parametrize(("nz", "degree"), [(1, 1), (2, 1), (1, 2)])
-def test_sheet_held_in_its_plane_is_in_plane_strain_and_stress(nz, degree):
+@pytest.mark.parametrize(("nz", "degree", "flat"), [(1, 1, False), (2, 1, True), (1, 2, False), (1, 1, True)])
+def test_sheet_held_in_its_plane_is_in_plane_strain_and_stress(nz, degree, flat):
     """Its width held and its thickness free: eps_zz = -nu / (1 - nu) eps_yy everywhere, at the clamps too."""
-    scene = Scene("stretch", 0.02, (3, 4, nz), clamp="inplane", degree=degree)
+    scene = Scene("stretch", 0.02, (3, 4, nz), clamp="inplane", degree=degree, flat=flat)
     operator, result = strains(scene)
     expected = np.zeros(6)
     expected[1], expected[2] = 0.02, -0.3 / 0.7 * 0.02
