@@ -196,18 +196,18 @@ def _points_of(
     for size in sorted({max(1, len(dataset) // 100), max(1, len(dataset) // 10), len(dataset)}):
         part = take(dataset, np.sort(order[:size]))
         for method in methods:
-            solution, seconds, note = _timed(partial(method.solve, scene, part))
+            solution, seconds, note = _timed(partial(method.solve, scene, part), repeats=_REPEATS)
             times = {"seconds_sampling": per_datum * size, "seconds_solve": seconds}
             yield point(method.name, data=size, note=note, **times, **_errors(solution, references, measure))
     for budget in budgets:
-        solution, seconds, note = _timed(partial(adapted, scene, budget=budget))
+        solution, seconds, note = _timed(partial(adapted, scene, budget=budget), repeats=_REPEATS)
         rve = 0.0 if solution is None else solution.seconds_rve
         rves = budget if solution is None or solution.rves is None else solution.rves
         times = {"seconds_sampling": rve, "seconds_solve": seconds - rve}
         yield point("adaptive from nothing", data=rves, note=note, **times, **_errors(solution, references, measure))
 
 
-def _timed(run: Callable[[], Solution], repeats: int = _REPEATS) -> tuple[Solution | None, float, str]:
+def _timed(run: Callable[[], Solution], *, repeats: int) -> tuple[Solution | None, float, str]:
     """The solution, the shortest time in s, and what is to be said of it; None where it failed."""
     solution, shortest, spent = None, np.inf, 0.0
     for _ in range(repeats):
