@@ -5,9 +5,9 @@ and adds RVEs at those where data are missing most (workflows.clusters). It ends
 small, or the budget of RVEs is used; then the scene is solved to the end. The metric, and so the factorised projection,
 is that of the first data throughout.
 
-The error of second-order data falls like the square of their distance, so like 1/N where the strains of a scene fill a
-surface, as those of a sheet do. A round that has N data used and M new ones leaves N / (N + M) of the last error; what
-it changes is the rest, hence error = change N / M.
+The error of second-order data goes with the square r^2 of the strain's distance from the nearest datum. A round that
+lowers the mean of r^2 to a part rho leaves that part of the last error; what it changes is the rest, hence
+error = change rho / (1 - rho).
 """
 
 from __future__ import annotations
@@ -36,6 +36,8 @@ __all__ = ["Adaptation", "Adapted", "Round", "adapt", "adaptation", "known_bar_f
 
 Array = NDArray[np.float64]
 _MOST_ROUNDS = 1000
+_LEFT = 0.9
+"""Where a round hardly lowers the distance, the error is not more than nine times its change."""
 _HOLD_AFTER = 8
 """Points still between two data after so many searches of the last solve do not matter to the error."""
 
@@ -184,7 +186,7 @@ def adapt(
     projection = dd.make_projection(operator, C, conditions)
     step = local_tangent_step(Record(projection, _MOST_ROUNDS, None))
     rounds: list[Round] = []
-    z, surprise, used, added, reason = projection.elastic(), None, 0, 0, ""
+    z, surprise, away, reason = projection.elastic(), None, np.inf, ""
     while not reason:
         known = data.all
         keep(known)
@@ -193,9 +195,9 @@ def adapt(
         if rounds or dataset is not None:
             z, iterations = step(z, spaces, changed=0, search=0.0, final=step.exact), 1
         change = _change(comm, w, C, z, last) if rounds else None
-        error = None if change is None else change * used / added
-        used = int(np.count_nonzero(total(comm, np.bincount(spaces.index, minlength=len(known)))))
-        gap = _gap(comm, w, C, z.strain, known.strain[spaces.index])
+        (gap, new), old = _gap(comm, w, C, z.strain, known.strain[spaces.index]), away
+        away, left = new, min(new / old, _LEFT) if old > 0 else _LEFT
+        error = None if change is None else change * left / (1.0 - left)
         numbers = (data.rves, data.failed, len(known), change, error, gap, surprise, data.seconds)
         say(f"{data.rves} RVEs, {len(known)} data" + (f": estimated error {error:.2e}" if error is not None else ""))
         if error is not None and error <= plan.tolerance:
@@ -203,14 +205,15 @@ def adapt(
         elif data.rves >= plan.budget:
             reason = "RVE budget used"
         else:
-            count, left = max(1, round((plan.growth - 1.0) * used)), plan.budget - data.rves
-            count = left if left < 2 * count else count  # no small round in the end
+            used = np.count_nonzero(total(comm, np.bincount(spaces.index, minlength=len(known))))
+            count, rest = max(1, round((plan.growth - 1.0) * used)), plan.budget - data.rves
+            count = rest if rest < 2 * count else count  # no small round in the end
             wanted, nearest = cluster(comm, z.strain, w, known.strain, count=count, metric=C)
             found = data.add(wanted, known.strain[nearest]) if len(wanted) else None
             if found is None:
                 reason = "no RVE reached its strain" if len(wanted) else "every strain has its datum"
             else:
-                surprise, added = _surprise(found, search), len(found)
+                surprise = _surprise(found, search)
         if reason:
             options = replace(options or dd.SecondOrderOptions(), hold_after=_HOLD_AFTER)
             result = dd.solve_second_order(projection, search, start=z, options=options)
@@ -219,10 +222,11 @@ def adapt(
     return Adapted(result, known, projection, search, tuple(rounds), reason)
 
 
-def _gap(comm: MPI.Comm, w: Array, C: dd.Metric, strain: Array, datum: Array) -> float:
+def _gap(comm: MPI.Comm, w: Array, C: dd.Metric, strain: Array, datum: Array) -> tuple[float, float]:
+    """Root mean square of the distance r of the strain from its datum, relative to that of the strain; that of r^2."""
     off, all_of_it = (((e @ C.factor) ** 2).sum(axis=1) for e in (strain - datum, strain))
-    sums = total(comm, [w @ off, w @ all_of_it])
-    return float(np.sqrt(sums[0] / sums[1]))
+    sums = total(comm, [w @ off, w @ all_of_it, w @ off**2])
+    return float(np.sqrt(sums[0] / sums[1])), float(np.sqrt(sums[2]))
 
 
 def _change(comm: MPI.Comm, w: Array, C: dd.Metric, z: dd.MechanicalState, last: dd.MechanicalState) -> float:
