@@ -170,6 +170,64 @@ def causes(
     say(f"{'results':24} {out}")
 
 
+@study.command()
+def metric(
+    load: Annotated[Load, typer.Option(help="How the top side moves.")],
+    out: OutOrDefault = None,
+    blocks: Blocks = (60, 30),
+    strain: Strain = 0.05,
+    bar_force: BarForce = 1e-8,
+    paths: Paths = 1000,
+    steps: Steps = 10,
+    seed: Seed = 0,
+    dns: Dns = None,
+    data: Data = None,
+    plots: Plots = True,
+) -> None:
+    """How much the error depends on the metric: 0.1 to 10 times the default one, classical and second-order data."""
+    check_alone("study metric")
+    from workflows.chain import Chain
+    from workflows.study_metric import metric as run
+    from workflows.trial import Study
+
+    out = out or Path("results") / f"metric-{load.value}"
+    chain = Chain(blocks, strain, bar_force, paths, steps, seed)
+    summary = run(Study(out, load.value, chain, dns, data, say=say), plots=plots)
+    for name, spreads in summary["spread"].items():
+        for row in spreads:
+            errors = (row["error_mech"], row["error_mat"])
+            shown = ", ".join("none" if e is None else f"{100 * e:.2f}" for e in errors)
+            say(f"spread {name:10} {row['method']:13} {row['data']:6} data: {shown} points (mechanical, material)")
+    say(f"{'results':24} {out}")
+
+
+@study.command()
+def convergence(
+    load: Annotated[Load | None, typer.Option(help="How the top side moves; both if not given.")] = None,
+    out: Out = Path("results/convergence"),
+    blocks: Blocks = (30, 15),
+    strain: Strain = 0.05,
+    bar_force: BarForce = 1e-8,
+    paths: Paths = 1000,
+    steps: Steps = 10,
+    seed: Seed = 0,
+    size: Annotated[list[int] | None, typer.Option(help="Number of data; repeat for several.")] = None,
+    data: Data = None,
+    plots: Plots = True,
+) -> None:
+    """Which solves converge, of a grid of loads, metrics, numbers of data and methods; each claim is checked."""
+    check_alone("study convergence")
+    from workflows.chain import Chain
+    from workflows.study_convergence import convergence as run
+
+    loads = [one.value for one in Load] if load is None else [load.value]
+    chain = Chain(blocks, strain, bar_force, paths, steps, seed)
+    summary = run(out, chain=chain, loads=loads, data=data, sizes=size or (10, 100, 1000, 10_000), plots=plots, say=say)
+    for state, count in summary["counts"].items():
+        say(f"{state:24} {count} of {summary['cells']}")
+    say(f"{'results':24} {out}")
+
+
 def paper(
     out: Annotated[Path, typer.Option("--out", help="Folder of all stages and of report.md.")] = Path("results/paper"),
     blocks: Blocks = (60, 30),
