@@ -189,7 +189,7 @@ def plot_boundary(outline: Array, maps: Mapping[str, ErrorMap]) -> Figure:
             place.xaxis.get_major_locator().set_params(integer=True)
             place.yaxis.set_major_formatter("{x:g}")
             place.grid(alpha=0.3)
-            place.legend(loc="upper right")
+            place.legend()
     return figure
 
 

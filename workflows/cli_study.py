@@ -7,7 +7,18 @@ from typing import Annotated
 
 import typer
 
-from workflows.options import BarForce, Load, Out, OutOrDefault, Plots, Strain, report, say
+from workflows.options import (
+    BarForce,
+    Kinematics,
+    KinematicsName,
+    Load,
+    Out,
+    OutOrDefault,
+    Plots,
+    Strain,
+    report,
+    say,
+)
 from workflows.ranks import check_alone
 
 __all__ = ["bench", "paper", "study"]
@@ -225,6 +236,52 @@ def convergence(
     summary = run(out, chain=chain, loads=loads, data=data, sizes=size or (10, 100, 1000, 10_000), plots=plots, say=say)
     for state, count in summary["counts"].items():
         say(f"{state:24} {count} of {summary['cells']}")
+    say(f"{'results':24} {out}")
+
+
+@study.command(name="data-error")
+def data_error(
+    load: Annotated[Load, typer.Option(help="How the top side moves.")],
+    out: OutOrDefault = None,
+    blocks: Blocks = (60, 30),
+    strain: Strain = 0.05,
+    bar_force: BarForce = 1e-8,
+    paths: Paths = 1000,
+    steps: Steps = 10,
+    seed: Seed = 0,
+    fe2: Annotated[Path | None, typer.Option(help="Folder of 'tsgdd fe2'; computed here if not given.")] = None,
+    data: Annotated[list[Path] | None, typer.Option(help="Material data, HDF5; repeat for several files.")] = None,
+    states: Annotated[int, typer.Option(help="Random RVE states of the strains that FE2 visits.")] = 2048,
+    draws: Annotated[int, typer.Option(help="Random draws of each number of data.")] = 3,
+    budget: Annotated[list[int] | None, typer.Option(help="RVEs of an adaptive run; repeat for several.")] = None,
+    kinematics: Kinematics = KinematicsName.small,
+    plots: Plots = True,
+) -> None:
+    """What the data alone leave of error, against FE2: rates, random and adaptive data, RVE states for 1 %."""
+    check_alone("study data-error")
+    from workflows.chain import Chain
+    from workflows.study_data_error import BUDGETS
+    from workflows.study_data_error import data_error as run
+
+    out = out or Path("results") / f"data-error-{load.value}"
+    summary = run(
+        out,
+        load=load.value,
+        chain=Chain(blocks, strain, bar_force, paths, steps, seed),
+        fe2=fe2,
+        data=data or (),
+        states=states,
+        draws=draws,
+        budgets=budget or BUDGETS,
+        kinematics=kinematics.value,
+        plots=plots,
+        say=say,
+    )
+    for fit in summary["fits"]:
+        slope, needed = fit["slope_state"], fit[f"needed_{summary['symbol']}"]["0.01"]
+        shown = "no slope" if slope is None else f"slope {slope:.2f}"
+        reached = "1 % never" if needed is None else f"1 % of {summary['symbol']} from {needed:.0f} states"
+        say(f"{fit['source']}, {fit['method']}: {shown}, {reached}")
     say(f"{'results':24} {out}")
 
 

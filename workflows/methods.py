@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 import dd_macro as dd
 from dd_macro.second_order import Method as Step
-from dd_macro.second_order_steps import LocalTangentStep, Record
+from dd_macro.second_order_steps import FiniteTangentStep, LocalTangentStep, Record
+from dd_macro.tangent_search import TangentSpaces
 from tsg_micro.dataset import Dataset
 from workflows.scene import with_tangents
 
-__all__ = ["CLASSICAL", "PLAIN", "SECOND_ORDER", "Classical", "SecondOrder", "estimated", "noisy"]
+__all__ = ["CLASSICAL", "PLAIN", "SECOND_ORDER", "Classical", "SecondOrder", "estimated", "noisy", "on_spaces"]
 
 _ESTIMATE, _ESTIMATE_NOISY, _AVERAGE = 16, 100, 40
 """Neighbours from which a tangent is estimated, with noise too, and those that are averaged at a point."""
@@ -82,8 +85,25 @@ class SecondOrder:
             ConvergenceError: there is none.
         """
         assert isinstance(search, dd.TangentSearch)
-        step = LocalTangentStep(Record(projection, 1, None))
-        return step(z, search.spaces(z.strain, z.stress), changed=0, search=0.0, final=True)
+        return on_spaces(projection, search.spaces(z.strain, z.stress), z)
+
+
+def on_spaces(projection: dd.Projection, spaces: TangentSpaces, z: dd.MechanicalState) -> dd.MechanicalState:
+    """The state in equilibrium on these tangent spaces, found from ``z``.
+
+    Raises:
+        ConvergenceError: there is none.
+    """
+    return _step(projection)(z, spaces, changed=0, search=0.0, final=True)
+
+
+@lru_cache(maxsize=1)
+def _step(projection: dd.Projection) -> LocalTangentStep:
+    """The last one is kept: it takes longer to make than to use."""
+    record = Record(projection, sys.maxsize, None)
+    if isinstance(projection, dd.FiniteProjection):
+        return FiniteTangentStep(record, projection)
+    return LocalTangentStep(record)
 
 
 def estimated(dataset: Dataset, neighbours: int = _ESTIMATE) -> Dataset:

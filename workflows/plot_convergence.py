@@ -56,6 +56,9 @@ def plot_grid(rows: Sequence[Mapping[str, Any]]) -> Figure:
                 axes.text(first + sizes / 2 - 0.5, -0.62, columns[first][0], ha="center", va="bottom", fontsize=12)
             figure.colorbar(drawn, ax=axes, pad=0.01).set_label("iterations", fontsize=12)
         axes.set_xlabel("number of data, for each metric")
-        named = ", ".join(f"{mark} {state}" for state, mark in _MARKS.items() if mark)
-        figure.suptitle(f"number: iterations, at a fixed point where there is no mark; {named}", fontsize=11)
+        figure.suptitle(
+            "Number: iterations. No mark: a fixed point. h: points held, the state would move by 1 % or less without;\n"
+            "c: a cycle cut short, it would move by more. ~: distance settled. ×: not converged. !: not verified.",
+            fontsize=11,
+        )
     return figure

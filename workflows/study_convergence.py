@@ -17,12 +17,11 @@ import numpy as np
 from mpi4py import MPI
 
 import dd_macro as dd
-from dd_macro.second_order_steps import LocalTangentStep, Record
 from tsg_micro.dataset import Dataset, take
 from tsg_micro.errors import ConvergenceError, InputError
 from tsg_micro.files import output_folder
 from workflows.chain import Chain
-from workflows.methods import CLASSICAL, PLAIN, SECOND_ORDER, Classical, SecondOrder
+from workflows.methods import CLASSICAL, PLAIN, SECOND_ORDER, Classical, SecondOrder, on_spaces
 from workflows.record import write_summary, write_table
 from workflows.scene import Scene, make_metric, read_material
 from workflows.stages import Stages
@@ -120,7 +119,7 @@ def _largest(rows: list[dict[str, Any]], name: str, state: str | None = None) ->
 def _cells(scene: Scene, dataset: Dataset, sizes: list[int]) -> Iterator[dict[str, Any]]:
     """All cells of one load."""
     domain = scene.build(MPI.COMM_SELF)
-    operator, conditions = dd.StrainOperator(domain), scene.conditions(domain)
+    operator, conditions = scene.operator(domain), scene.conditions(domain)
     order = np.random.default_rng([0, len(dataset)]).permutation(len(dataset))
     for name, factor in METRICS.items():
         for size in sizes:
@@ -128,7 +127,7 @@ def _cells(scene: Scene, dataset: Dataset, sizes: list[int]) -> Iterator[dict[st
             try:
                 metric = make_metric(name.split()[-1], operator, few, conditions)
                 scaled = dd.Metric(factor * metric.C, metric.reason)
-                projection = dd.Projection(operator, scaled, conditions)
+                projection = dd.make_projection(operator, scaled, conditions)
             except ConvergenceError as error:
                 failed = error
             for key, method in _METHODS.items():
@@ -200,9 +199,8 @@ def _fall(
 def _is_of_its_data(projection: dd.Projection, search: dd.MaterialSearch, result: dd.DataDrivenResult) -> bool:
     """Whether the state is in equilibrium on the tangent spaces of the data that the result names."""
     assert isinstance(search, dd.TangentSearch)
-    z, step = result.mechanical, LocalTangentStep(Record(projection, 1, None))
-    again = step(z, search.of(result.index), changed=0, search=0.0, final=True)
-    return _apart(projection, again, z) <= _SAME
+    z = result.mechanical
+    return _apart(projection, on_spaces(projection, search.of(result.index), z), z) <= _SAME
 
 
 def _apart(projection: dd.Projection, a: dd.MechanicalState, b: dd.MechanicalState) -> float:

@@ -90,7 +90,8 @@ def _solve(bench: Bench, method: Classical | SecondOrder, dataset: Dataset) -> d
     except ConvergenceError as error:
         nothing = {**dict.fromkeys(_ERRORS), "distance": None, "held": None}
         return {"converged": False, **nothing, "iterations": len(error.history), "reason": str(error)}
-    row = solution_errors(bench.operator, projection.metric, result, bench.blocks).row(bench.symbol)
+    shown = dd.in_space(result, bench.blocks.stress_measure)
+    row = solution_errors(bench.operator, projection.metric, shown, bench.blocks).row(bench.symbol)
     return {
         "converged": True,
         **{name: row[name] for name in _ERRORS},

@@ -11,15 +11,20 @@ from mpi4py import MPI
 
 import dd_macro as dd
 from tsg_micro.dataset import read_dataset
+from tsg_micro.errors import InputError
 from workflows.chain import Chain
+from workflows.exact import read_exact
+from workflows.fe2 import as_data_driven
 from workflows.methods import CLASSICAL, SECOND_ORDER, SecondOrder
 from workflows.reference import read_blocks, solution_errors
+from workflows.rve_law import RVELaw, sheet_rve
 from workflows.scene import Scene
 from workflows.study_convergence import STATES, check, convergence
+from workflows.study_data_error import ADAPTIVE, SIX, data_error, fitted_slope, states_needed
 from workflows.study_metric import metric
 from workflows.trial import Study, make_bench
 
-SHEET = Chain(blocks=(4, 4), strain=0.04)
+SHEET, SMALL = Chain(blocks=(4, 4), strain=0.04), Chain(blocks=(3, 3), strain=0.04)
 
 
 @pytest.fixture(scope="module")
@@ -69,17 +74,17 @@ def test_a_metric_that_does_not_converge_is_a_row_that_says_why(chain, tmp_path,
 
 @pytest.fixture(scope="module")
 def grid(chain, tmp_path_factory):
-    """The grid of convergence with 10 and 100 data on 4 x 4 elements."""
+    """The grid of convergence with 10 and 100 data on 3 x 3 elements."""
     out = tmp_path_factory.mktemp("convergence")
     runs = [
-        convergence(out / load, chain=SHEET, loads=[load], data=chain.data, sizes=(10, 100), plots=False)
-        for load in ("stretch", "shear")
+        convergence(out / load, chain=SMALL, loads=[load], data=chain.data, sizes=sizes, plots=False)
+        for load, sizes in (("stretch", (100,)), ("shear", (10, 100)))
     ]
     return [row for run in runs for row in run["rows"]]
 
 
 def test_every_cell_of_the_grid_converges_or_says_why(grid):
-    assert len(grid) == 2 * 5 * 2 * 6
+    assert len(grid) == 3 * 5 * 6
     for row in grid:
         assert row["state"] in STATES[:5], row
         assert row["iterations"] > 0, row
@@ -120,12 +125,92 @@ def claim(method, projection, search, z, result):
 
 def test_cells_that_fail_say_why(chain, tmp_path, monkeypatch, is_png):
     monkeypatch.setattr("workflows.methods._PATIENT", 1)
-    summary = convergence(tmp_path, chain=SHEET, loads=["stretch"], data=chain.data, sizes=(50,))
+    monkeypatch.setattr("workflows.study_convergence.METRICS", {"tangent": 1.0, "0.1 tangent": 0.1})
+    summary = convergence(tmp_path, chain=SMALL, loads=["stretch"], data=chain.data, sizes=(50,))
     failed = [row for row in summary["not_at_rest"] if row["method"] == "classical"]
     assert len(failed) == summary["counts_by_method"]["classical"]["not converged"] > 0
     assert all("expected convergence within 1 iterations" in row["reason"] for row in failed)
     assert all(row["iterations"] == 1 for row in failed)
     assert is_png(tmp_path / "convergence.png")
+
+
+def test_slopes_and_states_of_a_power_law():
+    sizes = np.array([16.0, 64.0, 256.0, 1024.0])
+    errors = 3.0 * sizes**-0.5
+    assert fitted_slope(sizes, errors, floor=False) == pytest.approx((-0.5, 3.0))
+    assert states_needed(sizes, errors, 0.1) == pytest.approx(900.0)
+    assert states_needed(sizes, errors, 1.0) == 16.0
+    assert states_needed(sizes, errors, 0.09) is None
+    up_again = np.array([0.4, 0.09, 0.2, 0.05])
+    assert states_needed(sizes, up_again, 0.1) == pytest.approx(256 * 4**0.5)  # from then on for good
+    sizes = np.array([16.0, 64.0, 256.0, 1024.0, 4096.0, 16384.0])
+    errors = np.maximum(3.0 * sizes**-0.5, 0.03)  # a floor
+    assert fitted_slope(sizes, errors, floor=True) == pytest.approx((-0.5, 3.0))
+    slope, _ = fitted_slope(sizes, errors, floor=False)
+    assert slope is not None
+    assert slope > -0.49
+    assert fitted_slope(sizes[:2], errors[:2], floor=False) == (None, None)
+
+
+@pytest.fixture(scope="module")
+def left(chain, tmp_path_factory):
+    """The study of the data error on 3 x 3 blocks."""
+    out = tmp_path_factory.mktemp("data-error")
+    sheet = Chain(blocks=(3, 3), strain=0.03)
+    return out, data_error(out, load="shear", chain=sheet, data=[chain.data], states=128, draws=1, budgets=(4, 32))
+
+
+def test_tangents_and_adaptive_data_leave_less_error(left, chain, is_png):
+    out, summary = left
+    assert is_png(out / "data_error.png")
+    assert summary["symbol"] == "q"
+    sources = [SIX, "box inplane, along paths", ADAPTIVE]
+    fits = {(fit["source"], fit["method"]): fit for fit in summary["fits"]}
+    assert list(dict.fromkeys(source for source, _ in fits)) == sources
+    one, two = (fits[SIX, name] for name in ("classical", "second order"))
+    assert two["slope_state"] < 1.4 * one["slope_state"] < 0
+    assert summary["slope_ratio"][SIX]["state"] == pytest.approx(two["slope_state"] / one["slope_state"])
+    with (out / "data_error.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == 3 * (4 + 4) + 2  # 16, 32, 64, and 128 or 100 states
+    best = {row["source"]: float(row["state"]) for row in rows if row["method"] == "second order"}  # the most states
+    assert best[ADAPTIVE] < best[SIX] < best["box inplane, along paths"]
+    assert best[ADAPTIVE] < 0.02
+    assert [row["states"] for row in rows if row["source"] == ADAPTIVE] == ["4", "32"]
+    assert all(times["at_least"] > 1 for times in summary["random_over_adaptive"] if times["method"] == "classical")
+
+
+def test_fe2_has_no_error_against_itself(left):
+    out, _ = left
+    scene = Scene("shear", 0.03, elements=(3, 3, 1))
+    exact = read_exact(out / "fe2-shear", scene, 1e-8)
+    law = RVELaw(sheet_rve(1e-8))
+    result = as_data_driven(dd.solve_law(exact.operator, law, exact.conditions))
+    errors = exact.errors(result)
+    assert max(errors[name] or 0.0 for name in errors) < 1e-8
+    # 10 % too much stress
+    z = dataclasses.replace(result.mechanical, stress=1.1 * result.mechanical.stress)
+    errors = exact.errors(dataclasses.replace(result, mechanical=z))
+    assert errors["p"] == pytest.approx(0.1)
+    assert errors["q"] == pytest.approx(0.1)
+    assert errors["state"] is not None
+    assert 0 < errors["state"] < 0.1
+    box = read_dataset(out / "six-strains-shear" / "data.h5")
+    assert box.tangent is not None
+    stress, tangent = law.stress_and_tangent(box.strain[:1])
+    np.testing.assert_allclose(stress, box.stress[:1], atol=1e-6 * np.abs(stress).max())
+    np.testing.assert_allclose(tangent, box.tangent[:1], atol=1e-6 * np.abs(tangent).max())
+    assert (box.strain >= exact.strain.min(axis=0)).all()
+    assert (box.strain <= exact.strain.max(axis=0)).all()
+    for name, other in (
+        ("strain", {"strain": 0.04}),
+        ("elements", {"elements": (3, 4, 1)}),
+        ("load", {"load": "stretch"}),
+    ):
+        with pytest.raises(InputError, match=f"{name}: expected that of the study"):
+            read_exact(out / "fe2-shear", dataclasses.replace(scene, **other), 1e-8)
+    with pytest.raises(InputError, match="bar_force: expected that of the study"):
+        read_exact(out / "fe2-shear", scene, 2e-8)
 
 
 @pytest.mark.parametrize(
@@ -136,6 +221,9 @@ def test_cells_that_fail_say_why(chain, tmp_path, monkeypatch, is_png):
         (("convergence", "--size", 3), "sizes: expected numbers of at least 4"),
         (("convergence", "--data", "no.h5"), "loads: expected one beside data"),
         (("convergence", "--data", "no.h5", "--load", "shear"), "no.h5"),
+        (("data-error", "--load", "shear", "--data", "no.h5"), "no.h5"),
+        (("data-error", "--load", "shear", "--fe2", "nowhere"), "nowhere: expected a folder made by 'tsgdd fe2'"),
+        (("data-error", "--load", "shear", "--states", 3), "states, draws, budgets: expected at least 32, 1 and 1"),
     ],
 )
 def test_bad_input_is_one_line(arguments, text, tsgdd, tmp_path):
