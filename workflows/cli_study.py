@@ -30,7 +30,7 @@ Dns = Annotated[Path | None, typer.Option(help="Folder of 'tsgdd dns'; computed 
 Data = Annotated[Path | None, typer.Option(help="Material data, HDF5; sampled here if not given.")]
 Seed = Annotated[int, typer.Option(help="Seed of the data.")]
 
-study = typer.Typer(help="Studies of the paper's Section 4.", no_args_is_help=True)
+study = typer.Typer(help="Studies of the paper's Section 4, and of what goes beyond it.", no_args_is_help=True)
 bench = typer.Typer(help="Benchmarks: agreement and run time.", no_args_is_help=True)
 
 

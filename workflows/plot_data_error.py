@@ -23,7 +23,7 @@ def plot_data_error(summary: Mapping[str, Any]) -> Figure:
 
     Colours are methods, markers and line styles the data, black is adaptive sampling; slopes are in the legend.
     """
-    from workflows.study_data_error import ADAPTIVE, METHODS, means
+    from workflows.study_data_error import ADAPTIVE, METHODS, mean_errors
 
     rows, symbol = summary["rows"], summary["symbol"]
     sources = [name for name in dict.fromkeys(row["source"] for row in rows) if name != ADAPTIVE]
@@ -35,7 +35,7 @@ def plot_data_error(summary: Mapping[str, Any]) -> Figure:
             for fit in summary["fits"]:
                 source, method = fit["source"], fit["method"]
                 own = [r for r in rows if (r["source"], r["method"]) == (source, method) and r[name] is not None]
-                sizes, errors = means(rows, source, method, name)
+                sizes, errors = mean_errors(rows, source, method, name)
                 adaptive = source == ADAPTIVE
                 place = 0 if adaptive else sources.index(source)
                 colour = "k" if adaptive else colours[method]

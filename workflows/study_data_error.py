@@ -26,7 +26,7 @@ from workflows.record import write_summary, write_table
 from workflows.scene import Scene, read_material
 from workflows.stages import Stages
 
-__all__ = ["ADAPTIVE", "BUDGETS", "METHODS", "data_error", "fitted_slope", "states_needed"]
+__all__ = ["ADAPTIVE", "BUDGETS", "METHODS", "data_error", "fitted_slope", "mean_errors", "states_needed"]
 
 METHODS: dict[str, Classical | SecondOrder] = {
     "classical": CLASSICAL["classical"],
@@ -34,10 +34,10 @@ METHODS: dict[str, Classical | SecondOrder] = {
     "second order, estimated tangents": SECOND_ORDER["second order, estimated tangents"],
 }
 SIX, ADAPTIVE = "all strains that FE2 visits, at random", "adaptive, from nothing"
-BUDGETS = (4, 8, 16, 32, 64, 128, 256)
+BUDGETS = (4, 8, 16, 32, 64, 128, 256, 400)
 TARGETS = (0.02, 0.01, 0.005)
-_FLOOR = 2.0
-"""Data with a floor are fitted where their error is as many times the least one."""
+_ABOVE = 1.5
+"""Errors are fitted where they are at least as many times their floor."""
 _LEAST = 16
 
 
@@ -186,14 +186,20 @@ def _rows(
 
 
 def _fits(rows: list[dict[str, Any]], symbol: str, floors: set[str]) -> list[dict[str, Any]]:
-    """Slope of every source and method, and the states that it needs for each of the targets."""
+    """Slope of every source and method, and the states that it needs for each of the targets.
+
+    The floor of a source, where it has one, is the least error of the method, of all methods for the classical one.
+    """
     fits = []
     for source, method in dict.fromkeys((row["source"], row["method"]) for row in rows):
         most = max(row["states"] for row in rows if row["source"] == source)
         fit: dict[str, Any] = {"source": source, "method": method, "states": most}
         for name in (symbol, "state"):
-            sizes, errors = means(rows, source, method, name)
-            slope, at_one = fitted_slope(sizes, errors, floor=source in floors)
+            sizes, errors = mean_errors(rows, source, method, name)
+            alike = {row["method"] for row in rows} if method == "classical" else {method}
+            below = [r[name] for r in rows if r["source"] == source and r["method"] in alike and r[name] is not None]
+            floor = min(below, default=0.0) if source in floors else 0.0
+            slope, at_one = fitted_slope(sizes, errors, floor=floor)
             fit[f"slope_{name}"], fit[f"at_one_{name}"] = slope, at_one
             fit[f"least_{name}"] = float(errors.min()) if len(errors) else None
             fit[f"needed_{name}"] = {f"{target:g}": states_needed(sizes, errors, target) for target in TARGETS}
@@ -201,7 +207,7 @@ def _fits(rows: list[dict[str, Any]], symbol: str, floors: set[str]) -> list[dic
     return fits
 
 
-def means(rows: list[dict[str, Any]], source: str, method: str, name: str) -> tuple[np.ndarray, np.ndarray]:
+def mean_errors(rows: list[dict[str, Any]], source: str, method: str, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Numbers of states, and geometric means over the draws of the error ``name``; solves that failed are left out."""
     own = [row for row in rows if (row["source"], row["method"]) == (source, method) and row[name] is not None]
     sizes = sorted({row["states"] for row in own})
@@ -209,15 +215,15 @@ def means(rows: list[dict[str, Any]], source: str, method: str, name: str) -> tu
     return np.array(sizes, dtype=float), np.exp(logs)
 
 
-def fitted_slope(sizes: np.ndarray, errors: np.ndarray, *, floor: bool) -> tuple[float | None, float | None]:
+def fitted_slope(sizes: np.ndarray, errors: np.ndarray, *, floor: float) -> tuple[float | None, float | None]:
     """Slope of log error over log number of states by least squares, and the error that the line has at one state.
 
-    With a ``floor`` only errors above twice the least count. None of less than three.
+    The ``floor`` is taken off the squares, and errors near it do not count. None of less than three.
     """
-    used = errors > _FLOOR * errors.min() if floor and len(errors) else np.ones(len(errors), dtype=bool)
+    used = errors > _ABOVE * floor
     if used.sum() < 3:
         return None, None
-    slope, level = np.polyfit(np.log(sizes[used]), np.log(errors[used]), 1)
+    slope, level = np.polyfit(np.log(sizes[used]), 0.5 * np.log(errors[used] ** 2 - floor**2), 1)
     return float(slope), float(np.exp(level))
 
 
@@ -274,7 +280,7 @@ def _at(rows: list[dict[str, Any]], symbol: str, count: int) -> list[dict[str, A
     for source, method in dict.fromkeys((row["source"], row["method"]) for row in rows):
         row: dict[str, Any] = {"source": source, "method": method}
         for name in (symbol, "state"):
-            sizes, errors = means(rows, source, method, name)
+            sizes, errors = mean_errors(rows, source, method, name)
             inside = len(sizes) > 0 and sizes[0] <= count <= sizes[-1]
             row[name] = float(np.exp(np.interp(np.log(count), np.log(sizes), np.log(errors)))) if inside else None
         found.append(row)
