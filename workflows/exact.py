@@ -48,9 +48,9 @@ class Exact:
         """p or q, whose error counts."""
         return SYMBOLS[self.scene.load]
 
-    def projection(self, dataset: Dataset) -> dd.Projection:
-        """The scene with the default metric of the data."""
-        metric = make_metric("auto", self.operator, dataset, self.conditions)
+    def projection(self, dataset: Dataset, order: int) -> dd.Projection:
+        """The scene with the default metric of the data for solves of ``order``."""
+        metric = make_metric("auto", self.operator, dataset, self.conditions, order=order)
         return dd.make_projection(self.operator, metric, self.conditions)
 
     def adapted(self, bar_force: float, budget: int) -> Adapted:

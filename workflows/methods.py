@@ -14,9 +14,8 @@ from dd_macro.second_order import Method as Step
 from dd_macro.second_order_steps import FiniteTangentStep, LocalTangentStep, Record
 from dd_macro.tangent_search import TangentSpaces
 from tsg_micro.dataset import Dataset
-from workflows.scene import with_tangents
 
-__all__ = ["CLASSICAL", "PLAIN", "SECOND_ORDER", "Classical", "SecondOrder", "estimated", "noisy", "on_spaces"]
+__all__ = ["CLASSICAL", "PLAIN", "SECOND_ORDER", "Classical", "SecondOrder", "Way", "on_spaces"]
 
 _ESTIMATE, _ESTIMATE_NOISY, _AVERAGE = 16, 100, 40
 """Neighbours from which a tangent is estimated, with noise too, and those that are averaged at a point."""
@@ -29,6 +28,11 @@ class Classical:
     """A datum is a point; queries are over-relaxed by omega = ``over_relaxation``, 1 is the plain iteration."""
 
     over_relaxation: float = 1.7
+    order = 1
+
+    def data(self, dataset: Dataset) -> Dataset:
+        """The data as this method gets them."""
+        return dataset
 
     def search(self, dataset: Dataset, metric: dd.Metric) -> dd.MaterialSearch:
         """The search for the data of this method."""
@@ -51,25 +55,33 @@ class Classical:
         return projection.project(search.dataset.strain[index], search.dataset.stress[index])
 
 
+def _as_they_are(dataset: Dataset) -> Dataset:
+    return dataset
+
+
 @dataclass(frozen=True)
 class SecondOrder:
-    """A datum is its tangent space, which ``prepare`` gives the data; up to ``neighbours`` of them are averaged.
+    """A datum is its tangent space, up to ``neighbours`` of them are averaged, at most a fifth of the data.
 
-    At most a fifth of the data are.
+    ``data`` makes what the method gets of a data set; data without tangents get them from ``estimate`` neighbours.
     """
 
     step: Step = "local-tangent"
-    prepare: Callable[[Dataset], Dataset] = with_tangents
+    data: Callable[[Dataset], Dataset] = _as_they_are
+    estimate: int = _ESTIMATE
     neighbours: int = 1
+    order = 2
 
     def search(self, dataset: Dataset, metric: dd.Metric) -> dd.TangentSearch:
         """The search for the data of this method.
 
         Raises:
-            InputError: too few data for tangents to be estimated.
+            InputError: less than four data without tangents.
         """
-        different = len(np.unique(np.column_stack([dataset.strain, dataset.stress]), axis=0))
-        return dd.TangentSearch(self.prepare(dataset), metric, neighbours=min(self.neighbours, max(1, different // 5)))
+        n = len(np.unique(np.column_stack([dataset.strain, dataset.stress]), axis=0))
+        if dataset.tangent is None:
+            dataset = dd.estimate_tangents(dataset, neighbours=min(len(dataset) - 1, _share(self.estimate, n)))
+        return dd.TangentSearch(dataset, metric, neighbours=min(self.neighbours, max(1, n // 5)))
 
     def solve(
         self, projection: dd.Projection, search: dd.MaterialSearch, start: dd.MechanicalState | None = None
@@ -86,6 +98,14 @@ class SecondOrder:
         """
         assert isinstance(search, dd.TangentSearch)
         return on_spaces(projection, search.spaces(z.strain, z.stress), z)
+
+
+Way = Classical | SecondOrder
+
+
+def _share(most: int, count: int) -> int:
+    """A fifth of ``count``, but not less than 16 nor more than ``most``."""
+    return min(most, max(_ESTIMATE, count // 5))
 
 
 def on_spaces(projection: dd.Projection, spaces: TangentSpaces, z: dd.MechanicalState) -> dd.MechanicalState:
@@ -106,37 +126,30 @@ def _step(projection: dd.Projection) -> LocalTangentStep:
     return LocalTangentStep(record)
 
 
-def estimated(dataset: Dataset, neighbours: int = _ESTIMATE) -> Dataset:
-    """The data with tangents estimated from their neighbours, whether they have tangents or not.
-
-    Raises:
-        InputError: less than four data.
-    """
-    return dd.estimate_tangents(dataset, neighbours=min(neighbours, len(dataset) - 1))
+def _measured(dataset: Dataset) -> Dataset:
+    """The data without their tangents."""
+    return replace(dataset, tangent=None)
 
 
-def noisy(dataset: Dataset, noise: float = 0.02) -> Dataset:
-    """The data with scatter in every component, and tangents estimated from a fifth of those, at most 100.
+def _noisy(dataset: Dataset, noise: float = 0.02) -> Dataset:
+    """The data without their tangents, with scatter in every component that is not silent.
 
     Strains and stresses get normal noise of ``noise`` times the largest root mean square of their components.
-
-    Raises:
-        InputError: less than four data.
     """
     rng = np.random.default_rng(len(dataset))
 
     def scatter(a: np.ndarray) -> np.ndarray:
-        return np.asarray(a + noise * np.sqrt((a**2).mean(axis=0).max()) * rng.standard_normal(a.shape))
+        size = noise * np.sqrt((a**2).mean(axis=0).max())
+        return np.asarray(a + size * dataset.counted * rng.standard_normal(a.shape))
 
-    measured = replace(dataset, strain=scatter(dataset.strain), stress=scatter(dataset.stress))
-    return estimated(measured, min(_ESTIMATE_NOISY, max(_ESTIMATE, len(dataset) // 5)))
+    return replace(dataset, strain=scatter(dataset.strain), stress=scatter(dataset.stress), tangent=None)
 
 
-CLASSICAL: dict[str, Classical | SecondOrder] = {"classical": Classical()}
-PLAIN: dict[str, Classical | SecondOrder] = {"classical, omega 1": Classical(1.0)}
-SECOND_ORDER: dict[str, Classical | SecondOrder] = {
+CLASSICAL: dict[str, Way] = {"classical": Classical()}
+PLAIN: dict[str, Way] = {"classical, omega 1": Classical(1.0)}
+SECOND_ORDER: dict[str, Way] = {
     "second order": SecondOrder(),
     "second order, alternating": SecondOrder("alternating"),
-    "second order, estimated tangents": SecondOrder(prepare=estimated),
-    "second order, 2 % noise, averages": SecondOrder(prepare=noisy, neighbours=_AVERAGE),
+    "second order, estimated tangents": SecondOrder(data=_measured),
+    "second order, 2 % noise, averages": SecondOrder(data=_noisy, estimate=_ESTIMATE_NOISY, neighbours=_AVERAGE),
 }

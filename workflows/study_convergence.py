@@ -21,7 +21,7 @@ from tsg_micro.dataset import Dataset, take
 from tsg_micro.errors import ConvergenceError, InputError
 from tsg_micro.files import output_folder
 from workflows.chain import Chain
-from workflows.methods import CLASSICAL, PLAIN, SECOND_ORDER, Classical, SecondOrder, on_spaces
+from workflows.methods import CLASSICAL, PLAIN, SECOND_ORDER, Classical, Way, on_spaces
 from workflows.record import write_summary, write_table
 from workflows.scene import Scene, make_metric, read_material
 from workflows.stages import Stages
@@ -29,7 +29,13 @@ from workflows.trial import Study
 
 __all__ = ["METRICS", "STATES", "check", "convergence"]
 
-METRICS = {"tangent": 1.0, "visited": 1.0, "secant": 1.0, "0.1 tangent": 0.1, "10 tangent": 10.0}
+METRICS = {
+    "default": ("auto", 1.0),
+    "visited": ("visited", 1.0),
+    "secant": ("secant", 1.0),
+    "0.1 default": ("auto", 0.1),
+    "10 default": ("auto", 10.0),
+}
 """The metrics of the grid, and what they are multiplied by."""
 STATES = ("fixed point", "distance settled", "points held", "cycle cut short", "not converged", "not verified")
 """How a solve can end; the last one is a defect. A cycle is cut short where the solve held points, and says so, and the
@@ -121,27 +127,31 @@ def _cells(scene: Scene, dataset: Dataset, sizes: list[int]) -> Iterator[dict[st
     domain = scene.build(MPI.COMM_SELF)
     operator, conditions = scene.operator(domain), scene.conditions(domain)
     order = np.random.default_rng([0, len(dataset)]).permutation(len(dataset))
-    for name, factor in METRICS.items():
+    for name, (known, factor) in METRICS.items():
         for size in sizes:
-            few, failed = take(dataset, order[:size]), None
-            try:
-                metric = make_metric(name.split()[-1], operator, few, conditions)
-                scaled = dd.Metric(factor * metric.C, metric.reason)
-                projection = dd.make_projection(operator, scaled, conditions)
-            except ConvergenceError as error:
-                failed = error
+            few = take(dataset, order[:size])
+            made: dict[bytes, dd.Projection] = {}
             for key, method in _METHODS.items():
-                cell = {"metric": name, "data": size, "method": key}
-                yield cell | (_cell(projection, method, few) if failed is None else _no(failed))
+                data = method.data(few)
+                try:
+                    metric = make_metric(known, operator, data, conditions, order=method.order)
+                    metric = dd.Metric(factor * metric.C, metric.reason)
+                    at = metric.C.tobytes()
+                    made[at] = made.get(at) or dd.make_projection(operator, metric, conditions)
+                    row = _cell(made[at], method, data)
+                except ConvergenceError as error:
+                    row = _no(error)
+                yield {"metric": name, "data": size, "method": key} | row
 
 
-def _cell(projection: dd.Projection, method: Classical | SecondOrder, dataset: Dataset) -> dict[str, Any]:
+def _cell(projection: dd.Projection, method: Way, dataset: Dataset) -> dict[str, Any]:
+    """Solve and check.
+
+    Raises:
+        ConvergenceError: the solve did not converge.
+    """
     search = method.search(dataset, projection.metric)
-    try:
-        result = method.solve(projection, search)
-    except ConvergenceError as error:
-        return _no(error)
-    return check(projection, method, search, result)
+    return check(projection, method, search, method.solve(projection, search))
 
 
 def _no(error: ConvergenceError) -> dict[str, Any]:
@@ -150,7 +160,7 @@ def _no(error: ConvergenceError) -> dict[str, Any]:
 
 
 def check(
-    projection: dd.Projection, method: Classical | SecondOrder, search: dd.MaterialSearch, result: dd.DataDrivenResult
+    projection: dd.Projection, method: Way, search: dd.MaterialSearch, result: dd.DataDrivenResult
 ) -> dict[str, Any]:
     """What state (of ``STATES``) the result of ``method`` is in, found anew from its fields, on one rank.
 

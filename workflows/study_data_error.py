@@ -21,14 +21,14 @@ from tsg_micro.files import output_folder
 from workflows.chain import Chain
 from workflows.exact import Exact, box_states, read_exact
 from workflows.loads import check_load
-from workflows.methods import CLASSICAL, SECOND_ORDER, Classical, SecondOrder
+from workflows.methods import CLASSICAL, SECOND_ORDER, Way
 from workflows.record import write_summary, write_table
 from workflows.scene import Scene, read_material
 from workflows.stages import Stages
 
 __all__ = ["ADAPTIVE", "BUDGETS", "METHODS", "data_error", "fitted_slope", "mean_errors", "states_needed"]
 
-METHODS: dict[str, Classical | SecondOrder] = {
+METHODS: dict[str, Way] = {
     "classical": CLASSICAL["classical"],
     "second order": SECOND_ORDER["second order"],
     "second order, estimated tangents": SECOND_ORDER["second order, estimated tangents"],
@@ -164,13 +164,14 @@ def _rows(
 ) -> Iterator[dict[str, Any]]:
     """One row a solve."""
     for source, dataset in sources.items():
-        projection = exact.projection(dataset)
+        seen = {name: method.data(dataset) for name, method in METHODS.items()}
+        scenes = {name: exact.projection(seen[name], method.order) for name, method in METHODS.items()}
         sizes = [_LEAST * 2**k for k in range(30) if _LEAST * 2**k < len(dataset)] + [len(dataset)]
         for draw in range(draws):
             order = np.random.default_rng([draw, len(dataset)]).permutation(len(dataset))
             for size in sizes if draw == 0 else sizes[:-1]:
-                few = take(dataset, order[:size])
                 for name, method in METHODS.items():
+                    few, projection = take(seen[name], order[:size]), scenes[name]
                     row = {"source": source, "method": name, "states": size, "draw": draw}
                     try:
                         result = method.solve(projection, method.search(few, projection.metric))

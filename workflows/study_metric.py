@@ -12,7 +12,7 @@ from tsg_micro.dataset import Dataset, take
 from tsg_micro.errors import ConvergenceError, InputError
 from tsg_micro.files import output_folder
 from workflows.loads import SYMBOLS
-from workflows.methods import CLASSICAL, SECOND_ORDER, Classical, SecondOrder
+from workflows.methods import CLASSICAL, SECOND_ORDER, Way
 from workflows.record import read_summary, write_summary, write_table
 from workflows.reference import describe, read_blocks, solution_errors
 from workflows.trial import Bench, Study, make_bench
@@ -47,17 +47,20 @@ def metric(
     if sizes[-1] > many:
         raise InputError(f"sizes: expected at most {many}, the number of data in {found.data}, got {sizes[-1]}")
     blocks = read_blocks(found.dns, found.dataset.stress_measure)
-    default = make_bench(found.scene, "auto", found.dataset, blocks).projection.metric
-    study.say(f"metric: {default.reason}")
+    methods = {**CLASSICAL, "second order": SECOND_ORDER["second order"]}
+    default = {}
+    for name, method in methods.items():
+        bench = make_bench(found.scene, "auto", method.data(found.dataset), blocks, order=method.order)
+        default[name] = bench.projection.metric
+        study.say(f"default metric, {name}: {default[name].reason}")
     order = np.random.default_rng([0, many]).permutation(many)
     rows: list[dict[str, Any]] = []
     for factor in sorted(set(factors)):
-        bench = make_bench(
-            found.scene, dd.Metric(factor * default.C, f"{factor:g} times as stiff"), found.dataset, blocks
-        )
-        for name, method in {**CLASSICAL, "second order": SECOND_ORDER["second order"]}.items():
+        for name, method in methods.items():
+            scaled = dd.Metric(factor * default[name].C, f"{factor:g} times as stiff")
+            bench = make_bench(found.scene, scaled, found.dataset, blocks)
             for size in sizes:
-                row = _solve(bench, method, take(found.dataset, order[:size]))
+                row = _solve(bench, method, take(method.data(found.dataset), order[:size]))
                 rows.append({"method": name, "data": size, "factor": factor} | row)
                 study.say(f"{factor:4g} times as stiff, {name:12} {size:6} data: {_shown(row, bench.symbol)}")
     write_table(out / "metric.csv", rows)
@@ -68,8 +71,8 @@ def metric(
         figures={
             "symbol": (SYMBOLS[load], ""),
             "reference": (describe(read_summary(found.dns, "dns")), ""),
-            "metric": (default.C, "Pa"),
-            "metric_reason": (default.reason, ""),
+            "metric": ({name: one.C for name, one in default.items()}, "Pa"),
+            "metric_reason": ({name: one.reason for name, one in default.items()}, ""),
             "spread": ({name: _spreads(rows, *limits) for name, limits in _RANGES.items()}, "1"),
             "not_converged": ([row for row in rows if not row["converged"]], ""),
             "rows": (rows, ""),
@@ -82,7 +85,7 @@ def metric(
     return summary
 
 
-def _solve(bench: Bench, method: Classical | SecondOrder, dataset: Dataset) -> dict[str, Any]:
+def _solve(bench: Bench, method: Way, dataset: Dataset) -> dict[str, Any]:
     """Errors of one solve, how it ended and what it took; None for errors where it did not converge."""
     projection = bench.projection
     try:

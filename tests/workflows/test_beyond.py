@@ -51,10 +51,12 @@ def test_the_metric_matters_to_points_and_not_to_tangent_spaces(scaled, chain, i
     assert spread["second order", 100] == pytest.approx(np.ptp(list(second.values())), rel=1e-12)
 
     data = read_dataset(chain.data)
-    C = dd.Metric(3.0 * np.array(summary["metric"]), "3 times")
+    C = dd.Metric(3.0 * np.array(summary["metric"]["classical"]), "3 times")
     bench = make_bench(Scene("stretch", 0.04, elements=(4, 4, 1)), C, data, read_blocks(chain.dns, "first_piola"))
     assert bench.solve(data)[0]["error_mech"] == pytest.approx(first[3.0], rel=1e-9)
-    result = dd.solve_second_order(bench.projection, dd.TangentSearch(data, C))
+    C = dd.Metric(3.0 * np.array(summary["metric"]["second order"]), "3 times")
+    projection = dd.make_projection(bench.operator, C, bench.conditions)
+    result = dd.solve_second_order(projection, dd.TangentSearch(data, C))
     found = solution_errors(bench.operator, C, result, bench.blocks).row("p")
     assert found["error_mech"] == pytest.approx(second[3.0], rel=1e-9)
 
@@ -97,8 +99,8 @@ def test_every_cell_of_the_grid_converges_or_says_why(grid):
 
 @pytest.mark.parametrize("name", ["classical", "second order", "second order, 2 % noise, averages"])
 def test_a_false_claim_is_found(name, chain):
-    data = read_dataset(chain.data)
     method = (CLASSICAL | SECOND_ORDER)[name]
+    data = method.data(read_dataset(chain.data))
     scene = Scene("shear", 0.04, elements=(4, 3, 1))
     domain = scene.build(MPI.COMM_SELF)
     C = dd.metric_from_dataset(data)
@@ -125,7 +127,7 @@ def claim(method, projection, search, z, result):
 
 def test_cells_that_fail_say_why(chain, tmp_path, monkeypatch, is_png):
     monkeypatch.setattr("workflows.methods._PATIENT", 1)
-    monkeypatch.setattr("workflows.study_convergence.METRICS", {"tangent": 1.0, "0.1 tangent": 0.1})
+    monkeypatch.setattr("workflows.study_convergence.METRICS", {"default": ("auto", 1.0), "0.1 default": ("auto", 0.1)})
     summary = convergence(tmp_path, chain=SMALL, loads=["stretch"], data=chain.data, sizes=(50,))
     failed = [row for row in summary["not_at_rest"] if row["method"] == "classical"]
     assert len(failed) == summary["counts_by_method"]["classical"]["not converged"] > 0
