@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -10,7 +11,18 @@ from numpy.typing import NDArray
 from tsg_micro.errors import InputError
 from tsg_micro.mandel import pressure, von_mises
 
-__all__ = ["BlockStress", "Comparison", "FieldError", "compare_blocks", "grid_index", "interior_blocks", "match_blocks"]
+__all__ = [
+    "BlockStress",
+    "Comparison",
+    "ErrorMap",
+    "FieldError",
+    "compare_blocks",
+    "error_map",
+    "grid_index",
+    "interior_blocks",
+    "match_blocks",
+    "ring_index",
+]
 
 Array = NDArray[np.float64]
 
@@ -63,6 +75,28 @@ class Comparison:
     def as_dict(self) -> dict[str, object]:
         """The same as nested dictionaries, ready for JSON."""
         return asdict(self)
+
+
+@dataclass(frozen=True)
+class ErrorMap:
+    """Where the squared error |a - b|^2 of a field sits, over n blocks in rings around the middle.
+
+    ``share`` (n,) of every block and ``rings`` (k,) of every ring, the outermost first, add up to 1 (to 0 of no error);
+    so do ``clamped_rows``, the first and last row in y, ``free_sides``, the first and last column without those rows,
+    and the inner rings. ``error`` (k,) is |a - b| / |b| of the blocks that are left with 0, 1, 2, ... rings left out;
+    it is shorter where b is zero in all of these.
+    """
+
+    share: Array
+    rings: Array
+    clamped_rows: float
+    free_sides: float
+    error: Array
+
+    def as_dict(self) -> dict[str, object]:
+        """The numbers, without the map, ready for JSON."""
+        numbers = {"clamped_rows": self.clamped_rows, "free_sides": self.free_sides}
+        return {"rings": self.rings.tolist(), **numbers, "error": self.error.tolist()}
 
 
 def grid_index(midpoint: Array) -> NDArray[np.int64]:
@@ -123,18 +157,52 @@ def match_blocks(a: BlockStress, b: BlockStress) -> NDArray[np.int64]:
     return found
 
 
+def ring_index(midpoint: Array) -> NDArray[np.int64]:
+    """How many rings of blocks in x and y are around each block (n,), 0 in the outermost one, from midpoints (n, 3).
+
+    Raises:
+        InputError: no regular grid.
+    """
+    index = grid_index(midpoint)[:, :2]
+    return np.asarray(np.minimum(index, index.max(axis=0) - index).min(axis=1))
+
+
 def interior_blocks(midpoint: Array) -> NDArray[np.bool_]:
     """Which blocks (n,) are not in the outer ring in x and y, from the midpoints (n, 3) of a regular grid.
 
     Raises:
         InputError: no regular grid, or no interior block (less than 3 x 3).
     """
-    index = grid_index(midpoint)
-    last = index.max(axis=0)
-    interior = ((index[:, :2] > 0) & (index[:, :2] < last[:2])).all(axis=1)
+    interior = ring_index(midpoint) > 0
     if not interior.any():
-        raise InputError(f"blocks: expected at least 3 x 3, to leave the outer ones out, got {_times(last[:2] + 1)}")
+        shape = grid_index(midpoint)[:, :2].max(axis=0) + 1
+        raise InputError(f"blocks: expected at least 3 x 3, to leave the outer ones out, got {_times(shape)}")
     return interior
+
+
+def error_map(solution: BlockStress, reference: BlockStress, invariant: Callable[[Array], Array]) -> ErrorMap:
+    """Where the error of an invariant of the stress, p or q, sits; blocks in the order of ``solution``.
+
+    Raises:
+        InputError: grids or stress measures differ, or the invariant of the reference is zero.
+    """
+    b = invariant(reference.stress)[match_blocks(solution, reference)]
+    square, size = (invariant(solution.stress) - b) ** 2, b**2
+    ring, row = ring_index(solution.midpoint), grid_index(solution.midpoint)[:, 1]
+    share = square / (square.sum() or 1.0)
+    clamped = (row == 0) | (row == row.max())
+    # sums over the ring and all inside it
+    error, norm = (np.cumsum(np.bincount(ring, a)[::-1])[::-1] for a in (square, size))
+    if norm[0] == 0:
+        raise InputError("reference stress: expected p and q other than zero, to relate errors to, got zero")
+    known = norm > 1e-24 * norm[0]
+    return ErrorMap(
+        share=share,
+        rings=np.bincount(ring, share),
+        clamped_rows=float(share[clamped].sum()),
+        free_sides=float(share[(ring == 0) & ~clamped].sum()),
+        error=np.sqrt(error[known] / norm[known]),
+    )
 
 
 def compare_blocks(mechanical: BlockStress, material: BlockStress, reference: BlockStress) -> Comparison:

@@ -12,10 +12,11 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dd_macro.compare import grid_index
+from dd_macro.compare import ErrorMap, grid_index
 from tsg_micro.errors import InputError
 from tsg_micro.files import atomic_path
 
@@ -23,6 +24,7 @@ __all__ = [
     "block_outlines",
     "colour_bar",
     "draw_field",
+    "plot_boundary",
     "plot_comparison",
     "plot_convergence",
     "plot_maps",
@@ -97,14 +99,20 @@ def plot_maps(outline: Array, fields: Mapping[str, tuple[Array, str]], *, column
 
 
 def plot_comparison(
-    outline: Array, *, material: Array, mechanical: Array, tensegrity: Array, inner: NDArray[np.bool_], symbol: str
+    outline: Array,
+    *,
+    material: Array | None,
+    mechanical: Array,
+    tensegrity: Array,
+    inner: NDArray[np.bool_],
+    symbol: str,
 ) -> Figure:
     """Maps of the data-driven material and mechanical solution and of the tensegrity on one colour scale, of the
     relative error of the mechanical solution, and histograms of the errors of both.
 
     Args:
         outline: polygons (n, corners, 2) in m.
-        material, mechanical, tensegrity: the field (n,) in Pa.
+        material, mechanical, tensegrity: the field (n,) in Pa; material None is that of FE2, which has only one.
         inner: which blocks (n,) count; the histograms leave the others out.
         symbol: of the field, as in the paper: p or q.
 
@@ -113,31 +121,75 @@ def plot_comparison(
     """
     size = np.maximum(np.abs(tensegrity), 1e-12 * max(np.abs(tensegrity).max(initial=0.0), 1e-300))
     error = 100 * (mechanical - tensegrity) / size
-    panels = {
-        f"data-driven, material ${symbol}$": material,
-        f"data-driven, mechanical ${symbol}$": mechanical,
-        f"tensegrity ${symbol}$": tensegrity,
-    }
+    solved = "FE2" if material is None else "mechanical"
+    errors = {solved: error[inner]}
+    panels = {f"tensegrity ${symbol}$": tensegrity}
+    if material is None:
+        panels = {f"FE2 ${symbol}$": mechanical} | panels
+    else:
+        both = {f"data-driven, material ${symbol}$": material, f"data-driven, mechanical ${symbol}$": mechanical}
+        panels = both | panels
+        errors["material"] = (100 * (material - tensegrity) / size)[inner]
     limits = _limits(list(panels.values()))
     with mpl.rc_context(_STYLE):
         maps = 2 * (0.8 + 4.8 * _aspect(outline))
-        figure = _figure(13, maps + 3.6)
-        grid = figure.add_gridspec(3, 2, height_ratios=(maps / 2, maps / 2, 3.6))
-        axes = [figure.add_subplot(grid[i // 2, i % 2]) for i in range(4)]
+        heights = (maps / 2, maps / 2, 3.6)[: 2 + (material is not None)]  # of three maps the fourth place is free
+        figure = _figure(13, sum(heights))
+        grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
+        axes = [figure.add_subplot(grid[i // 2, i % 2]) for i in range(len(panels) + 1)]
         for place, (title, values) in zip(axes, panels.items(), strict=False):
             drawn = draw_field(place, outline, values, limits, _FIELD)
             place.set_title(title)
             colour_bar(figure, drawn, place, f"${symbol}$ / Pa")
         top = max(float(np.percentile(np.abs(error), 95)), 1e-12) if error.size else 1.0
-        drawn = draw_field(axes[3], outline, np.abs(error), (0.0, top), _ERROR)
-        axes[3].set_title(f"relative error of mechanical ${symbol}$, its size")
-        colour_bar(figure, drawn, axes[3], "error / %", extend="max")
+        drawn = draw_field(axes[-1], outline, np.abs(error), (0.0, top), _ERROR)
+        axes[-1].set_title(f"relative error of {solved} ${symbol}$, its size")
+        colour_bar(figure, drawn, axes[-1], "error / %", extend="max")
         _label(axes, 2)
-        _histogram(
-            figure.add_subplot(grid[2, :]),
-            {"mechanical": error[inner], "material": (100 * (material - tensegrity) / size)[inner]},
-            symbol,
-        )
+        _histogram(figure.add_subplot(grid[1, 1] if material is None else grid[2, :]), errors, symbol)
+    return figure
+
+
+def plot_boundary(outline: Array, maps: Mapping[str, ErrorMap]) -> Figure:
+    """Share of every block in the squared error, and how the error falls with the rings of blocks that are left out.
+
+    Args:
+        outline: polygons (n, corners, 2) in m.
+        maps: title -> where the error of that field sits, blocks as in ``outline``.
+
+    Raises:
+        InputError: a map of another length.
+    """
+    with mpl.rc_context(_STYLE):
+        rows = -(-len(maps) // 2)
+        heights = [0.9 + 4.4 * _aspect(outline)] * rows + [4.2]
+        figure = _figure(13, sum(heights))
+        grid = figure.add_gridspec(rows + 1, 2, height_ratios=heights)
+        axes = [figure.add_subplot(grid[i // 2, i % 2]) for i in range(len(maps))]
+        top = max(max(found.share.max() for found in maps.values()), 1e-12)
+        left, right = (figure.add_subplot(grid[rows, i]) for i in range(2))
+        for i, (place, (title, found)) in enumerate(zip(axes, maps.items(), strict=True)):
+            share = np.maximum(100 * found.share, 1e-4 * top)
+            drawn = draw_field(place, outline, share, (1e-4 * top, 100 * top), _ERROR)
+            drawn.set_norm(LogNorm(1e-4 * top, 100 * top))
+            where = (
+                f"{100 * found.rings[0]:.0f} % in the outer ring, {100 * found.clamped_rows:.0f} % in the clamped rows"
+            )
+            place.set_title(f"{title}: {where}", fontsize=12)
+            colour_bar(figure, drawn, place, "of the squared error / %", extend="min")
+            style, colour = ("o-", "s--")[i % 2 if len(maps) > 2 else 0], ("#20639b", "#c8553d")[i * 2 // len(maps)]
+            for side, values in ((left, found.error), (right, found.rings)):
+                side.semilogy(range(len(values)), 100 * values, style, color=colour, markersize=4, label=title)
+        _label(axes, 2)
+        left.set_xlabel("outer rings of blocks left out")
+        left.set_ylabel("error of the others / %")
+        right.set_xlabel("ring of blocks, from outside")
+        right.set_ylabel("of the squared error / %")
+        for place in (left, right):
+            place.xaxis.get_major_locator().set_params(integer=True)
+            place.yaxis.set_major_formatter("{x:g}")
+            place.grid(alpha=0.3)
+            place.legend()
     return figure
 
 
@@ -149,7 +201,7 @@ def _histogram(axes: Axes, errors: Mapping[str, Array], symbol: str) -> None:
         label = f"{name}: mean {values.mean():+.1f} %, standard deviation {values.std():.1f} %"
         axes.hist(np.clip(values, -limit, limit), bins, alpha=0.55, color=colour, label=label)
     axes.axvline(0.0, color="0.3", linewidth=0.8)
-    axes.set_xlabel(f"relative error of ${symbol}$ / %, outer blocks left out; the last bins hold all beyond")
+    axes.set_xlabel(f"relative error of ${symbol}$ / %, outer blocks left out;\nthe last bins hold all beyond")
     axes.set_ylabel("blocks")
     axes.set_ylim(top=1.3 * axes.get_ylim()[1])  # room for the legend
     axes.legend(loc="upper center", ncols=2, frameon=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import numpy as np
@@ -21,7 +22,8 @@ from dd_macro import (
     write_quadrature,
     write_vtkhdf,
 )
-from dd_macro.plot import block_outlines, plot_comparison, plot_convergence, plot_maps, save_figure
+from dd_macro.compare import error_map, ring_index
+from dd_macro.plot import block_outlines, plot_boundary, plot_comparison, plot_convergence, plot_maps, save_figure
 from tsg_micro.errors import InputError
 from tsg_micro.mandel import pressure, von_mises
 
@@ -131,6 +133,35 @@ def test_comparison_of_known_errors():
     assert json.loads(json.dumps(found.as_dict()))["error_q_mat"]["mean"] == 0
 
 
+def test_map_of_errors_put_in_known_blocks():
+    """p of the reference is 1 everywhere; an error of 0.2 in a corner and next to it, 0.1 at a side, 0.3 in ring 1."""
+    nx, ny = 7, 6
+    p = np.ones(nx * ny)
+    reference = dataclasses.replace(blocks(nx, ny), stress=-np.outer(p, [1, 1, 1, 0, 0, 0]))
+    place = {"corner": 0, "top": nx * (ny - 1) + 3, "side": 2 * nx + (nx - 1), "ring 1": nx + 2}
+    for name, error in (("corner", 0.2), ("top", 0.2), ("side", 0.1), ("ring 1", 0.3)):
+        p[place[name]] += error
+    mix = np.random.default_rng(1).permutation(nx * ny)
+    stress = -np.outer(p, [1, 1, 1, 0, 0, 0])
+    found = error_map(BlockStress(reference.midpoint[mix], stress[mix], "cauchy"), reference, pressure)
+    total = 2 * 0.2**2 + 0.1**2 + 0.3**2
+    np.testing.assert_allclose(found.rings, [(2 * 0.2**2 + 0.1**2) / total, 0.3**2 / total, 0], atol=1e-14)
+    assert found.clamped_rows == pytest.approx(2 * 0.2**2 / total)
+    assert found.free_sides == pytest.approx(0.1**2 / total)
+    np.testing.assert_allclose(found.error, [np.sqrt(total / 42), 0.3 / np.sqrt(20), 0], atol=1e-14)
+    share = np.empty(nx * ny)
+    share[mix] = found.share
+    np.testing.assert_allclose(share[list(place.values())], np.array([0.04, 0.04, 0.01, 0.09]) / total)
+    assert share.sum() == pytest.approx(1)
+    np.testing.assert_array_equal(np.bincount(ring_index(reference.midpoint)), [22, 14, 6])
+    nothing = error_map(reference, reference, pressure)
+    assert not nothing.share.any()
+    assert not nothing.error.any()
+    assert json.loads(json.dumps(found.as_dict()))["clamped_rows"] == found.clamped_rows
+    with pytest.raises(InputError, match="other than zero"):
+        error_map(reference, dataclasses.replace(reference, stress=0 * reference.stress), pressure)
+
+
 def test_blocks_that_do_not_fit():
     a = blocks(6, 5)
     with pytest.raises(InputError, match="got kirchhoff and cauchy"):
@@ -160,6 +191,14 @@ def test_figures(comm, folder):
     assert len({m.get_clim() for m in maps[:3]}) == 1
     np.testing.assert_allclose(maps[3].get_array(), 5.0)
     save_figure(figure, folder / "compare.png")
+    alone = plot_comparison(outline, material=None, mechanical=1.05 * p, tensegrity=p, inner=inner, symbol="p")
+    assert [axes.get_title() for axes in alone.axes[:2]] == ["FE2 $p$", "tensegrity $p$"]
+    assert not any("data-driven" in axes.get_title() for axes in alone.axes)
+    found = error_map(dataclasses.replace(a, stress=1.1 * a.stress), a, pressure)
+    boundary = plot_boundary(outline, {"FE2 $p$": found, "FE2 $q$": found})
+    np.testing.assert_allclose(boundary.axes[0].collections[0].get_array(), 100 * found.share, rtol=1e-9)
+    np.testing.assert_allclose(boundary.axes[2].lines[0].get_ydata(), 10.0)
+    save_figure(boundary, folder / "boundary.png")
     save_figure(
         plot_maps(outline, {"p": (p, "Pa"), "q": (von_mises(a.stress), "Pa"), "d": (p, "1")}), folder / "maps.png"
     )

@@ -175,6 +175,10 @@ def test_compare_against_the_errors_by_hand(chain, tsgdd, read_summary, is_png, 
     assert summary["blocks"] == 16
     assert is_png(tmp_path / "p.png")
     assert is_png(tmp_path / "q.png")
+    assert is_png(tmp_path / "boundary.png")
+    boundary, whole = summary["boundary_p_mech"], summary["error_p_mech"]
+    np.testing.assert_allclose(boundary["error"], [whole["l2_all"], whole["l2"]], rtol=1e-9)
+    assert boundary["clamped_rows"] + boundary["free_sides"] == pytest.approx(boundary["rings"][0])
 
 
 @pytest.mark.parametrize(
