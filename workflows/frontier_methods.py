@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -13,8 +12,8 @@ import dd_macro as dd
 from tsg_micro.dataset import Dataset
 from workflows.adapt import Adaptation, adapt
 from workflows.fe2 import as_data_driven
-from workflows.scene import Scene, make_metric, with_tangents
-from workflows.trial import PATIENT
+from workflows.methods import CLASSICAL, SECOND_ORDER, Way
+from workflows.scene import Scene, make_metric
 
 __all__ = ["METHODS", "Method", "Solution", "adaptive"]
 
@@ -44,33 +43,18 @@ class Method:
     kinematics: tuple[str, ...] = ("small",)
 
 
-def classical(scene: Scene, dataset: Dataset, *, metric: str) -> Solution:
-    """Data are points.
+def with_data(scene: Scene, dataset: Dataset, *, way: Way, metric: str = "auto") -> Solution:
+    """Data as points or as tangent spaces, with the metric of this name from what ``way`` makes of them.
 
     Raises:
-        InputError: the data give no metric.
-        ConvergenceError: the fixed point was not found.
-    """
-    operator, projection = _projection(scene, metric, dataset)
-    result = dd.solve(projection, dd.MaterialSearch(dataset, projection.metric), options=PATIENT)
-    return Solution(operator, result, f"{result.iterations} iterations")
-
-
-def second_order(scene: Scene, dataset: Dataset) -> Solution:
-    """Data are their tangent spaces.
-
-    Raises:
-        InputError: there are no tangents, and too few data for them to be estimated.
+        InputError: the data give no metric, or are too few for tangents to be estimated.
         ConvergenceError: the solve did not converge.
     """
-    operator, projection = _projection(scene, "auto", dataset, order=2)
-    result = dd.solve_second_order(projection, dd.TangentSearch(with_tangents(dataset), projection.metric))
+    given, domain = way.data(dataset), scene.build(MPI.COMM_SELF)
+    operator, conditions = scene.operator(domain), scene.conditions(domain)
+    C = make_metric(metric, operator, given, conditions, order=way.order)
+    result = way.solve(dd.make_projection(operator, C, conditions), way.search(given, C))
     return Solution(operator, result, f"{result.iterations} iterations")
-
-
-def estimated(scene: Scene, dataset: Dataset) -> Solution:
-    """The same without the tangents of the data: they are estimated from neighbours, as those of measured data are."""
-    return second_order(scene, dataclasses.replace(dataset, tangent=None))
 
 
 def law(scene: Scene, dataset: Dataset, *, fit: Callable[[Dataset], dd.Law]) -> Solution:
@@ -101,20 +85,14 @@ def adaptive(scene: Scene, *, bar_force: float, budget: int, measure: str) -> So
     return Solution(operator, found.result, note, rves=last.rves, seconds_rve=last.seconds_rve)
 
 
-def _projection(
-    scene: Scene, metric: str, dataset: Dataset, *, order: int = 1
-) -> tuple[dd.StrainOperator, dd.Projection]:
-    """The scene in this process, with the metric of this name from the data for solves of ``order``."""
-    domain = scene.build(MPI.COMM_SELF)
-    operator, conditions = scene.operator(domain), scene.conditions(domain)
-    C = make_metric(metric, operator, dataset, conditions, order=order)
-    return operator, dd.make_projection(operator, C, conditions)
-
-
+_CLASSICAL, _SECOND = CLASSICAL["classical"], SECOND_ORDER["second order"]
+_ESTIMATED = SECOND_ORDER["second order, estimated tangents"]
 METHODS = (
-    *(Method(f"data-driven, metric {m}", partial(classical, metric=m)) for m in ("tangent", "visited", "secant")),
-    Method("second-order data", second_order, ("small", "finite")),
-    Method("second-order data, estimated tangents", estimated),
+    Method("data-driven, metric tangent", partial(with_data, way=_CLASSICAL, metric="tangent")),
+    Method("data-driven, metric visited", partial(with_data, way=_CLASSICAL, metric="visited")),
+    Method("data-driven, metric secant", partial(with_data, way=_CLASSICAL, metric="secant")),
+    Method("second-order data", partial(with_data, way=_SECOND), ("small", "finite")),
+    Method("second-order data, estimated tangents", partial(with_data, way=_ESTIMATED)),
     Method("linear elastic law", partial(law, fit=dd.fit_linear)),
     Method("polynomial energy law", partial(law, fit=dd.fit_polynomial)),
 )
