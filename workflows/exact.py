@@ -90,7 +90,8 @@ def read_exact(fe2: Path, scene: Scene, bar_force: float) -> Exact:
         InputError: it is not there, or of another scene or bar force.
     """
     summary = read_summary(fe2, "fe2")
-    there = {"kinematics": "small", "clamp": "full", "degree": 1, **summary["parameters"]}
+    plain = Scene(scene.load, scene.strain, elements=scene.elements)  # what an older run does not say is at its default
+    there = {**plain.parameters(), **summary["parameters"]}
     for name, wanted in {**scene.parameters(), "bar_force": bar_force}.items():
         found = tuple(there[name]) if isinstance(there.get(name), list) else there.get(name)
         if found != wanted:
