@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from workflows import cli_fe2, cli_scenes, cli_study
+from workflows import cli_beyond, cli_fe2, cli_scenes, cli_study
 from workflows.options import (
     BarForce,
     Box,
@@ -233,7 +233,7 @@ def import_csv(
 
 
 app.add_typer(cli_scenes.scenes)
-app.add_typer(cli_study.study, name="study")
+app.add_typer(cli_beyond.study, name="study")
 app.add_typer(cli_study.bench, name="bench")
 
 
