@@ -143,8 +143,9 @@ def solution_tree(strain: Array, previous: Array) -> tuple[Index, Index]:
     keep = row != column
     low, high = np.minimum(row, column)[keep], np.maximum(row, column)[keep]
     edges, first = np.unique(low * (n + 1) + high, return_index=True)
+    ends = np.stack([edges // (n + 1), edges % (n + 1)]).astype(np.int32)  # older SciPy knows no other integers here
     # an edge of length 0 would be none
-    graph = sp.csr_array((length[keep][first] + 1e-15, (edges // (n + 1), edges % (n + 1))), shape=(n + 1, n + 1))
+    graph = sp.csr_array((length[keep][first] + 1e-15, tuple(ends)), shape=(n + 1, n + 1))
     order, parent = breadth_first_order(minimum_spanning_tree(graph), n, directed=False)
     parent = np.where(parent[:n] == n, -1, parent[:n])
     return order[1:].astype(np.int64), parent.astype(np.int64)
