@@ -31,6 +31,7 @@ __all__ = ["estimate_tangents"]
 Array = NDArray[np.float64]
 
 _SPANNED = 0.02  # of the largest variance
+_ROUND_OFF = 1e-12  # of the strain
 _FLOOR = 1e-2  # smallest eigenvalue of D_tt, relative to the largest
 
 
@@ -58,8 +59,9 @@ def estimate_tangents(dataset: Dataset, *, neighbours: int = 16, metric: Metric 
     local -= np.einsum("nk,nki->ni", weight, local)[:, None]
     E, S = local[..., :6], local[..., 6:]
     variance, directions = np.linalg.eigh(np.einsum("nk,nki,nkj->nij", weight, E, E))
-    if not (variance[:, -1] > 0).all():
-        first = np.flatnonzero(~(variance[:, -1] > 0))[0]
+    same = variance[:, -1] <= _ROUND_OFF**2 * (whitened[:, :6] ** 2).sum(axis=1).max()
+    if same.any():
+        first = np.flatnonzero(same)[0]
         raise InputError(f"data set: expected different strains, got the same in all neighbours of datum {first}")
     moment = np.einsum("nk,nki,nkj->nij", weight, E @ directions, S @ directions)
     tangent = np.empty_like(moment)
