@@ -22,6 +22,7 @@ from tsg_micro.mandel import BASIS, from_mandel, to_mandel
 __all__ = ["FiniteStrain", "Kinematics", "SmallStrain", "second_piola"]
 
 Array = NDArray[np.float64]
+_HUGE = 1e50
 
 
 class Kinematics(Protocol):
@@ -33,7 +34,7 @@ class Kinematics(Protocol):
 
     @property
     def inside_out(self) -> bool:
-        """Whether det F is not positive somewhere."""
+        """Whether det F is not positive, or no number, somewhere."""
 
     def nominal_stress(self, stress: Array) -> Array:
         """Stress of the equations, (n, 6) or (n, 9) in Pa, of the material's stress (n, 6)."""
@@ -59,19 +60,20 @@ class SmallStrain:
 
 
 class FiniteStrain:
-    """The polar decomposition F = R U (n, 3, 3) of displacement gradients (n, 9)."""
+    """The polar decomposition F = R U (n, 3, 3) of displacement gradients (n, 9).
+
+    ``inside_out``: det F is not positive somewhere; a gradient without bounds counts as F = 0.
+    """
 
     def __init__(self, gradient: Array) -> None:
-        self.F = np.eye(3) + gradient.reshape(-1, 3, 3)
+        F = np.eye(3) + gradient.reshape(-1, 3, 3)
+        # of a diverging iteration, on some ranks maybe: the decomposition would raise there, and the others wait
+        self.F = np.where(np.abs(F).max(axis=(1, 2), keepdims=True) < _HUGE, F, 0.0)
+        self.inside_out = bool((np.linalg.det(self.F) <= 0).any())
         squares, directions = np.linalg.eigh(self.F.swapaxes(1, 2) @ self.F)
         stretch = np.sqrt(np.maximum(squares, np.finfo(float).tiny))[:, None, :]
         self.U = (directions * stretch) @ directions.swapaxes(1, 2)
         self.R = self.F @ ((directions / stretch) @ directions.swapaxes(1, 2))
-
-    @property
-    def inside_out(self) -> bool:
-        """Whether det F is not positive somewhere."""
-        return bool((np.linalg.det(self.F) <= 0).any())
 
     @property
     def strain(self) -> Array:

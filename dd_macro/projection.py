@@ -98,7 +98,7 @@ class Projection:
         force = self.operator.force(stress)
         out = np.where(self.fixed, 0.0, force - self.loads)
         squares = total(self.operator.comm, [out @ out, force @ force + self.loads @ self.loads])
-        return float(np.sqrt(squares[0] / squares[1])) if squares[1] > 0 else 0.0
+        return float(np.sqrt(squares[0] / squares[1])) if squares[1] != 0 else 0.0
 
     def reaction(self, z: MechanicalState, side: str) -> Array:
         """Force (3,) in N that the supports of ``side`` exert on the body.

@@ -239,7 +239,7 @@ class _Scene:
         norm, reacting, gross = (float(value) for value in np.sqrt(squares))
         self._gross = max(self._gross, gross)
         scale = max(reacting, _LEAST_FORCE * self._gross)
-        return _State(load, u, found, stress, tangent, out, norm, norm / scale if norm > 0 else 0.0)
+        return _State(load, u, found, stress, tangent, out, norm, norm / scale if norm != 0 else 0.0)
 
     def _search(self, state: _State, direction: Array) -> _State:
         """The first of the steps 1, 1/2, 1/4, ... along ``direction`` that lowers the out-of-balance force."""

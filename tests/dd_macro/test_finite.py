@@ -110,6 +110,19 @@ def test_isotropic_stress_in_closed_form(rng):
     np.testing.assert_allclose(P, found.R @ T, atol=1e-10)
 
 
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300])
+def test_a_gradient_without_bounds_is_inside_out(bad):
+    """It must not raise where it is found: other ranks may not have found one."""
+    gradient = np.zeros((3, 9))
+    gradient[1, 4] = bad
+    found = FiniteStrain(gradient)
+    assert found.inside_out
+    stress = np.ones((3, 6))
+    assert np.isfinite(found.strain).all()
+    assert np.isfinite(found.nominal_stress(stress)).all()
+    assert not FiniteStrain(gradient[[0, 2]]).inside_out
+
+
 @pytest.fixture(scope="module")
 def domain():
     return box(MPI.COMM_WORLD, elements=(4, 4, 1), size=(4e-5, 4e-5, 1e-5))
