@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tsg_micro.dataset import Dataset
 from tsg_micro.errors import InputError
 from tsg_micro.parameters import CellParameters, check_bar_force
 from tsg_micro.sampling import BOXES
@@ -51,6 +52,13 @@ class Chain:
         """Raise InputError where the box of data of this load does not hold the nominal strain."""
         name, value = nominal_component(load, self.strain)
         check_reach(name, value, *BOXES[load].ranges[name])
+
+    def check_bar_force(self, dataset: Dataset, data: Path) -> None:
+        """Raise InputError where the data of the file ``data`` are of another bar force; measured ones have none."""
+        for source in dataset.parameters.get("joined", [dataset.parameters]):
+            force = source.get("bar_force")
+            if force not in (None, self.bar_force):
+                raise InputError(f"bar_force: expected {self.bar_force:g} N in {data}, got {force:g} N")
 
     @property
     def elements(self) -> tuple[int, int, int]:

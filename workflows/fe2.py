@@ -23,9 +23,10 @@ from workflows.record import peak_memory, write_summary
 from workflows.rve_law import RVELaw, sheet_rve
 from workflows.scene import Scene
 
-__all__ = ["as_data_driven", "fe2"]
+__all__ = ["MEASURE", "as_data_driven", "fe2"]
 
 MEASURE = "first_piola"
+"""The stress that is written."""
 
 
 def fe2(

@@ -20,6 +20,7 @@ from tsg_micro.errors import ConvergenceError, InputError
 from tsg_micro.files import output_folder
 from workflows.chain import Chain
 from workflows.exact import Exact, box_states, read_exact
+from workflows.fe2 import MEASURE
 from workflows.loads import check_load
 from workflows.methods import CLASSICAL, SECOND_ORDER, Way
 from workflows.record import write_summary, write_table
@@ -82,14 +83,14 @@ def data_error(
             f"states, draws, budgets: expected at least {2 * _LEAST}, 1 and 1, got {states}, {draws}, {list(budgets)}"
         )
     scene = Scene(load, chain.strain, elements=chain.elements, kinematics=kinematics)
-    sources = {_name(one): one for one in (read_material(file, scene) for file in data)}
+    sources = _sources(data, scene, chain)
     given = None if fe2 is None else read_exact(fe2, scene, chain.bar_force)
     stages = stages or Stages(output_folder(out), say)
-    fe2 = fe2 or _run_fe2(stages, scene, chain, say)
+    fe2 = fe2 or chain.fe2(stages, scene, say)
     exact = given or read_exact(fe2, scene, chain.bar_force)
     if not data:
         data = [chain.data(stages, box) for box in ("inplane", "full")]
-        sources = {_name(one): one for one in (read_material(file, scene) for file in data)}
+        sources = _sources(data, scene, chain)
     sources = {SIX: _box(stages, exact, chain, states), **sources}
     rows: list[dict[str, Any]] = []
     for row in _rows(exact, sources, draws, budgets, chain.bar_force):
@@ -129,15 +130,6 @@ def data_error(
     return summary
 
 
-def _run_fe2(stages: Stages, scene: Scene, chain: Chain, say: Callable[[str], None]) -> Path:
-    from workflows.fe2 import fe2
-
-    run = {**scene.parameters(), "bar_force": chain.bar_force}
-    return stages.run(
-        f"fe2-{scene.load}", run, lambda out: fe2(out, scene=scene, bar_force=chain.bar_force, plots=False, say=say)
-    )
-
-
 def _box(stages: Stages, exact: Exact, chain: Chain, states: int) -> Dataset:
     """Random states of all six strains, a stage."""
     low, high = exact.strain.min(axis=0), exact.strain.max(axis=0)
@@ -149,9 +141,18 @@ def _box(stages: Stages, exact: Exact, chain: Chain, states: int) -> Dataset:
     return found if exact.scene.kinematics == "small" else dd.biot_dataset(found)
 
 
-def _name(dataset: Dataset) -> str:
-    """Where the data are from."""
-    return f"box {dataset.parameters.get('load', 'of the file')}, along paths"
+def _sources(files: Sequence[Path], scene: Scene, chain: Chain) -> dict[str, Dataset]:
+    """The data of the files, in the stress measure of FE2, by where they are from."""
+    sources: dict[str, Dataset] = {}
+    for file in files:
+        dataset = read_material(file, scene, MEASURE)
+        chain.check_bar_force(dataset, file)
+        if len(dataset) < _LEAST:
+            raise InputError(f"data: expected at least {_LEAST} points in {file}, got {len(dataset)}")
+        name = f"box {dataset.parameters.get('load', 'of the file')}, along paths"
+        alike = sum(known.startswith(name) for known in sources)
+        sources[name + f", file {alike + 1}" * (alike > 0)] = dataset
+    return sources
 
 
 def _under_plane_stress(dataset: Dataset) -> bool:
@@ -180,10 +181,14 @@ def _rows(
                         continue
                     yield row | exact.errors(result) | {"iterations": result.iterations, "reason": result.reason}
     for budget in sorted(set(budgets)):
-        adapted = exact.adapted(bar_force, budget)
-        row = {"source": ADAPTIVE, "method": "second order", "states": adapted.rounds[-1].rves, "draw": 0}
-        iterations = sum(one.iterations for one in adapted.rounds)
-        yield row | exact.errors(adapted.result) | {"iterations": iterations, "reason": adapted.reason}
+        row = {"source": ADAPTIVE, "method": "second order", "states": budget, "draw": 0}
+        try:
+            adapted = exact.adapted(bar_force, budget)
+        except ConvergenceError as error:
+            yield row | exact.no_errors() | {"iterations": len(error.history), "reason": str(error)}
+            continue
+        row |= {"states": adapted.rounds[-1].rves, "iterations": sum(one.iterations for one in adapted.rounds)}
+        yield row | exact.errors(adapted.result) | {"reason": adapted.reason}
 
 
 def _fits(rows: list[dict[str, Any]], symbol: str, floors: set[str]) -> list[dict[str, Any]]:

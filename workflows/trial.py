@@ -90,11 +90,10 @@ class Study:
 
     def _read(self, data: Path, scene: Scene) -> Dataset:
         dataset = read_material(data, scene)
-        sampled, force = dataset.parameters.get("load"), dataset.parameters.get("bar_force")
+        sampled = dataset.parameters.get("load")
         if sampled in SYMBOLS and sampled != self.load:
             raise InputError(f"data: expected data for {self.load}, those in {data} were sampled for {sampled}")
-        if force not in (None, self.chain.bar_force):  # None: of joined or measured data
-            raise InputError(f"bar_force: expected {self.chain.bar_force:g} N in {data}, got {force:g} N")
+        self.chain.check_bar_force(dataset, data)
         return dataset
 
     def _check_reference(self, dns: Path) -> None:

@@ -10,8 +10,8 @@ import pytest
 from mpi4py import MPI
 
 import dd_macro as dd
-from tsg_micro.dataset import read_dataset
-from tsg_micro.errors import InputError
+from tsg_micro.dataset import convert_dataset, read_dataset, take, write_dataset
+from tsg_micro.errors import ConvergenceError, InputError
 from workflows.chain import Chain
 from workflows.exact import read_exact
 from workflows.fe2 import as_data_driven
@@ -21,6 +21,8 @@ from workflows.rve_law import RVELaw, sheet_rve
 from workflows.scene import Scene
 from workflows.study_convergence import STATES, check, convergence
 from workflows.study_data_error import ADAPTIVE, SIX, data_error, fitted_slope, states_needed
+from workflows.study_data_error import _rows as all_rows
+from workflows.study_data_error import _sources as sources
 from workflows.study_metric import metric
 from workflows.trial import Study, make_bench
 
@@ -185,7 +187,7 @@ def test_tangents_and_adaptive_data_leave_less_error(left, chain, is_png):
 def test_fe2_has_no_error_against_itself(left):
     out, _ = left
     scene = Scene("shear", 0.03, elements=(3, 3, 1))
-    exact = read_exact(out / "fe2-shear", scene, 1e-8)
+    exact = read_exact(out / "fe2-shear-small-full", scene, 1e-8)
     law = RVELaw(sheet_rve(1e-8))
     result = as_data_driven(dd.solve_law(exact.operator, law, exact.conditions))
     errors = exact.errors(result)
@@ -210,9 +212,37 @@ def test_fe2_has_no_error_against_itself(left):
         ("load", {"load": "stretch"}),
     ):
         with pytest.raises(InputError, match=f"{name}: expected that of the study"):
-            read_exact(out / "fe2-shear", dataclasses.replace(scene, **other), 1e-8)
+            read_exact(out / "fe2-shear-small-full", dataclasses.replace(scene, **other), 1e-8)
     with pytest.raises(InputError, match="bar_force: expected that of the study"):
-        read_exact(out / "fe2-shear", scene, 2e-8)
+        read_exact(out / "fe2-shear-small-full", scene, 2e-8)
+
+
+def test_data_are_in_the_stress_of_fe2_and_of_its_rve(chain, tmp_path):
+    scene, sheet = Scene("shear", 0.03, elements=(3, 3, 1)), Chain(blocks=(3, 3), strain=0.03)
+    data = read_dataset(chain.data)
+    write_dataset(tmp_path / "cauchy.h5", convert_dataset(data, "cauchy"))
+    one, two = sources([chain.data, tmp_path / "cauchy.h5"], scene, sheet).values()  # files alike are two sources
+    assert one.stress_measure == two.stress_measure == "first_piola"
+    np.testing.assert_allclose(two.stress, one.stress, atol=1e-9 * np.abs(one.stress).max())
+    with pytest.raises(InputError, match=r"bar_force: expected 2e-08 N in .*data\.h5, got 1e-08 N"):
+        sources([chain.data], scene, dataclasses.replace(sheet, bar_force=2e-8))
+    few = np.argsort(data.strain[:, 5])[np.linspace(0, len(data) - 1, 9, dtype=int)]
+    write_dataset(tmp_path / "few.h5", take(data, few))
+    with pytest.raises(InputError, match="expected at least 16 points in"):
+        sources([tmp_path / "few.h5"], scene, sheet)
+
+
+def test_an_adaptive_run_that_fails_is_a_row_that_says_why(left, monkeypatch):
+    out, _ = left
+    exact = read_exact(out / "fe2-shear-small-full", Scene("shear", 0.03, elements=(3, 3, 1)), 1e-8)
+
+    def fail(*arguments, **more):
+        raise ConvergenceError("it left")
+
+    monkeypatch.setattr("workflows.exact.adapt", fail)
+    (row,) = all_rows(exact, {}, 1, (4,), 1e-8)
+    assert (row["states"], row["state"], row["reason"]) == (4, None, "it left")
+    assert set(row) == set(left[1]["rows"][0])
 
 
 @pytest.mark.parametrize(
