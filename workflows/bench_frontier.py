@@ -16,10 +16,12 @@ import dd_macro as dd
 from tsg_micro.dataset import take
 from tsg_micro.errors import ConvergenceError, InputError
 from tsg_micro.files import output_folder
+from workflows.exact import check_fe2, fe2_parameters
 from workflows.frontier_methods import METHODS, Solution, adaptive
 from workflows.loads import SYMBOLS
 from workflows.record import read_summary, write_summary, write_table
 from workflows.reference import describe, read_blocks
+from workflows.scene import Scene
 from workflows.trial import Inputs, Study
 
 __all__ = ["MODELS", "frontier"]
@@ -110,6 +112,8 @@ def frontier(
         InputError: an argument or a file is not valid.
         ConvergenceError: the tensegrity did not converge.
     """
+    if not models or not set(models) <= set(MODELS):
+        raise InputError(f"models: expected some of {', '.join(MODELS)}, got {', '.join(models) or 'none'}")
     known = _known_fe2(study, fe2)
     out, load = output_folder(study.out), study.load
     found = study.prepare()
@@ -126,7 +130,7 @@ def frontier(
     rows = [dataclasses.asdict(point) for point in points]
     write_table(out / "frontier.csv", rows)
     reached = [p for p in points if p.error_mech is not None]
-    best = min(reached, key=lambda p: p.error_mech or 0.0)
+    best = min(reached, key=lambda p: p.error_mech or 0.0, default=None)
     near = [p for p in reached if (p.error_mech or 0) <= _NEAR and p.error_fe2 is not None and p.error_fe2 <= _OWN]
     quickest = min(near, key=lambda p: p.seconds, default=None)
     summary = write_summary(
@@ -145,7 +149,7 @@ def frontier(
             "reference": (describe(full), ""),
             "dns_machine": (full["machine"], ""),
             "points": (rows, ""),
-            "most_accurate": (best.name, ""),
+            "most_accurate": (None if best is None else best.name, ""),
             "quickest_near": (None if quickest is None else quickest.name, ""),
             "dns_over_quickest_near": (None if quickest is None else full["seconds"] / quickest.seconds, "1"),
             "dns_over_solve": ({p.name: full["seconds"] / p.seconds_solve for p in reached}, "1"),
@@ -169,8 +173,7 @@ def _points_of(
     study: Study, found: Inputs, model: str, fe2: Path | None, per_datum: float, budgets: Sequence[int]
 ) -> Iterator[_Point]:
     """All points of one model; sampling took ``per_datum`` seconds."""
-    kinematics, clamp, flat = MODELS[model]
-    scene = dataclasses.replace(found.scene, kinematics=kinematics, clamp=clamp, flat=flat)
+    scene = _of_model(found.scene, MODELS[model])
     dataset = dd.biot_dataset(found.dataset) if scene.kinematics == "finite" else found.dataset
     methods = [method for method in METHODS if scene.kinematics in method.kinematics]
     adapted = partial(adaptive, bar_force=study.chain.bar_force, measure=dataset.stress_measure)
@@ -251,15 +254,23 @@ def _known_fe2(study: Study, folders: Sequence[Path]) -> dict[Model, Path]:
     """The folders by their model.
 
     Raises:
-        InputError: one is not of FE2, or of another scene.
+        InputError: one is not of FE2, or of another scene or none of the models, or two are of one model.
     """
     chain = study.chain
     known: dict[Model, Path] = {}
-    scene = {"load": study.load, "strain": chain.strain, "bar_force": chain.bar_force, "elements": [*chain.elements]}
     for folder in folders:
-        there = read_summary(folder, "fe2")["parameters"]
-        for name, value in scene.items():
-            if there.get(name) != value:
-                raise InputError(f"fe2: expected {name} {value} in {folder}, got {there.get(name)}")
-        known[there.get("kinematics", "small"), there.get("clamp") or "full", bool(there.get("flat"))] = folder
+        there = fe2_parameters(folder)
+        model = there["kinematics"], there["clamp"], there["flat"]
+        scene = Scene(study.load, chain.strain, elements=chain.elements)
+        if model in MODELS.values():
+            scene = _of_model(scene, model)
+        check_fe2(folder, scene, chain.bar_force)
+        if model in known:
+            raise InputError(f"fe2: expected one folder of every model, got {known[model]} and {folder}")
+        known[model] = folder
     return known
+
+
+def _of_model(scene: Scene, model: Model) -> Scene:
+    kinematics, clamp, flat = model
+    return dataclasses.replace(scene, kinematics=kinematics, clamp=clamp, flat=flat)

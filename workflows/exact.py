@@ -21,7 +21,7 @@ from workflows.record import read_summary, versions
 from workflows.rve_law import sheet_rve
 from workflows.scene import Scene, make_metric
 
-__all__ = ["Exact", "box_states", "read_exact"]
+__all__ = ["Exact", "box_states", "check_fe2", "fe2_parameters", "read_exact"]
 
 Array = NDArray[np.float64]
 _INVARIANTS = {"p": pressure, "q": von_mises}
@@ -83,28 +83,38 @@ class Exact:
         return dict.fromkeys((*_NAMES, "held"))
 
 
+def fe2_parameters(fe2: Path) -> dict[str, Any]:
+    """The parameters of the run in folder ``fe2``; what an older run does not say is at its default.
+
+    Raises:
+        InputError: it is not there.
+    """
+    return {"kinematics": "small", "clamp": "full", "degree": 1, "flat": False} | read_summary(fe2, "fe2")["parameters"]
+
+
+def check_fe2(fe2: Path, scene: Scene, bar_force: float) -> None:
+    """Raise InputError where the run in folder ``fe2`` is not there, or of another scene or bar force."""
+    there = fe2_parameters(fe2)
+    for name, wanted in {**scene.parameters(), "bar_force": bar_force}.items():
+        found = tuple(there[name]) if isinstance(there.get(name), list) else there.get(name)
+        if found != wanted:
+            raise InputError(f"fe2: expected {name} {wanted} in {fe2}, got {found}")
+
+
 def read_exact(fe2: Path, scene: Scene, bar_force: float) -> Exact:
     """What the run in folder ``fe2`` left.
 
     Raises:
         InputError: it is not there, or of another scene or bar force.
     """
-    summary = read_summary(fe2, "fe2")
-    plain = Scene(scene.load, scene.strain, elements=scene.elements)  # what an older run does not say is at its default
-    there = {**plain.parameters(), **summary["parameters"]}
-    for name, wanted in {**scene.parameters(), "bar_force": bar_force}.items():
-        found = tuple(there[name]) if isinstance(there.get(name), list) else there.get(name)
-        if found != wanted:
-            raise InputError(f"{name}: expected that of the study in {fe2}, {wanted}, got {found}")
+    check_fe2(fe2, scene, bar_force)
     fields = dd.read_quadrature(fe2 / "quadrature.h5")
     domain = scene.build(MPI.COMM_SELF)
     operator = scene.operator(domain)
     rows = domain.mesh.topology.original_cell_index[: domain.owned_cells]
     strain, stress = (a[rows].reshape(-1, 6) for a in (fields.mechanical_strain, fields.mechanical_stress))
-    metric, inner = (
-        dd.secant_modulus(_states(strain, stress, {})),
-        dd.interior_blocks(operator.cell_corners.mean(axis=1)),
-    )
+    metric = dd.secant_modulus(_states(strain, stress, {}))
+    inner = dd.interior_blocks(operator.cell_corners.mean(axis=1))
     return Exact(scene, operator, scene.conditions(domain), strain, stress, metric, inner)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 import dd_macro as dd
 from dd_macro.compare import interior_blocks
-from tsg_micro.errors import ConvergenceError
+from tsg_micro.errors import ConvergenceError, InputError
 from workflows.bench_frontier import frontier
 from workflows.chain import Chain
 from workflows.frontier_methods import METHODS
@@ -100,6 +101,18 @@ def test_fe2_is_taken_from_where_it_is(run, chain, tsgdd, read_summary, tmp_path
     done = tsgdd("bench", "frontier", *SCENE, "--bar-force", 2e-8, *given[4:], "--out", tmp_path / "no")
     assert done.code == 2
     assert "fe2: expected bar_force 2e-08 in" in done.err
+    for name, value in (("degree", 2), ("clamp", "inplane")):  # of no model
+        other = tmp_path / name
+        other.mkdir()
+        there = read_summary(given[-1])
+        there["parameters"][name] = value
+        (other / "summary.json").write_text(json.dumps(there))
+        done = tsgdd("bench", "frontier", *SCENE, "--fe2", other, "--out", tmp_path / "no")
+        assert done.code == 2
+        assert f"fe2: expected {name} " in done.err
+    done = tsgdd("bench", "frontier", *SCENE, *given[4:], *given[4:], "--out", tmp_path / "no")
+    assert done.code == 2
+    assert "fe2: expected one folder of every model" in done.err
     assert not (tmp_path / "no").exists()
 
     def fail(*arguments):
@@ -111,6 +124,8 @@ def test_fe2_is_taken_from_where_it_is(run, chain, tsgdd, read_summary, tmp_path
     monkeypatch.setattr("workflows.bench_frontier.METHODS", METHODS[:1])
     study = Study(tmp_path / "2", "stretch", Chain(blocks=(4, 4), strain=0.04), chain.dns, chain.data)
     models = ("small strain", "finite strain")
+    with pytest.raises(InputError, match="models: expected some of small strain, "):
+        frontier(study, models=["large strain"])
     again = frontier(study, fe2=[Path(given[-1])], models=models, budgets=(8,), plots=False)
     assert points(again, "FE2")[0] == points(summary, "FE2")[0]
     assert points(again, "FE2", models[1])[0]["note"] == "failed: it left"
