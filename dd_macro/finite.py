@@ -154,14 +154,17 @@ def biot_dataset(dataset: Dataset) -> Dataset:
     """The data as pairs of Biot strain and Biot stress; for a symmetric F these are strain and first Piola stress.
 
     Raises:
-        InputError: the deformation gradients are missing and needed, or have no determinant above zero.
+        InputError: the deformation gradients are missing and needed.
     """
     F = dataset.deformation_gradient
+    if F is None and dataset.stress_measure != "first_piola":
+        raise InputError(
+            "data set: expected deformation gradients, or the first Piola stress of symmetric ones, in finite strain, "
+            f"got the {dataset.stress_measure} stress alone"
+        )
     if F is None or np.allclose(F, F.swapaxes(1, 2), rtol=0, atol=1e-12):
         return convert_dataset(dataset, "first_piola")
     found = FiniteStrain((F - np.eye(3)).reshape(-1, 9))
-    if found.inside_out:
-        raise InputError("data set: expected deformation gradients with det F > 0, got others")
     tau = from_mandel(convert_dataset(dataset, "kirchhoff").stress)
     biot = found.material_stress((tau @ np.linalg.inv(F).swapaxes(1, 2)).reshape(-1, 9))
     return dataclasses.replace(

@@ -11,7 +11,7 @@ import numpy as np
 
 import dd_macro as dd
 from dd_macro.second_order import Method as Step
-from dd_macro.second_order_steps import FiniteTangentStep, LocalTangentStep, Record
+from dd_macro.second_order_steps import LocalTangentStep, Record, local_tangent_step
 from dd_macro.tangent_search import TangentSpaces
 from tsg_micro.dataset import Dataset
 
@@ -120,10 +120,7 @@ def on_spaces(projection: dd.Projection, spaces: TangentSpaces, z: dd.Mechanical
 @lru_cache(maxsize=1)
 def _step(projection: dd.Projection) -> LocalTangentStep:
     """The last one is kept: it takes longer to make than to use."""
-    record = Record(projection, sys.maxsize, None)
-    if isinstance(projection, dd.FiniteProjection):
-        return FiniteTangentStep(record, projection)
-    return LocalTangentStep(record)
+    return local_tangent_step(Record(projection, sys.maxsize, None))
 
 
 def _measured(dataset: Dataset) -> Dataset:

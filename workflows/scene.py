@@ -75,9 +75,15 @@ class Scene:
         return {"small": dd.StrainOperator, "finite": dd.GradientOperator}[self.kinematics](domain, degree=self.degree)
 
     def conditions(self, domain: dd.TaggedMesh) -> list[dd.Displacement]:
-        """Bottom side held, top side moved by the strain times the height of the mesh; collective."""
+        """Bottom side held, top side moved by the strain times the height of the mesh; collective.
+
+        Raises:
+            InputError: a flat sheet without a side called back.
+        """
         bottom, top = _extent(domain, 1)
         moved = top_displacement(self.load, self.strain, top - bottom)
+        if self.flat and "back" not in domain.names:
+            raise InputError(f"flat: expected a side named back in the mesh, got {', '.join(sorted(domain.names))}")
         back = [dd.Displacement("back", (0.0,), (2,))] if self.flat else []
         if self.clamp == "full":
             return [*back, dd.Displacement("bottom"), dd.Displacement("top", value=moved)]

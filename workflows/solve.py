@@ -53,7 +53,7 @@ def solve(
     check_metric(metric)
     order = order or (1 if adaptation is None else 2)
     if order not in (1, 2) or (adaptation is not None and order == 1):
-        raise InputError(f"order: expected {'1 or ' * (adaptation is None)}2, got {order}")
+        raise InputError(f"order: expected {'1 or 2' if adaptation is None else '2 with --adapt'}, got {order}")
     dataset = together(comm, lambda: _material(data, scene, metric, stress_measure, adaptation))
     together(comm, lambda: output_folder(out) if comm.rank == 0 else None)
 

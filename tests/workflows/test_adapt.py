@@ -221,7 +221,7 @@ def test_growth_is_more_than_one():
 BAD = {
     "neither": ((), "data: expected a file"),
     "no bar force": (("--adapt",), "bar_force: expected a force in N, since there are no data, got none"),
-    "first order": (("--adapt", "--bar-force", F_B, "--order", 1), "order: expected 2, got 1"),
+    "first order": (("--adapt", "--bar-force", F_B, "--order", 1), "order: expected 2 with --adapt, got 1"),
     "no adapt": (("--rve-budget", 5), "expected --adapt"),
     "budget": (("--adapt", "--bar-force", F_B, "--rve-budget", 0), "rve_budget: expected at least 1, got 0"),
     "tolerance": (("--adapt", "--bar-force", F_B, "--adapt-tolerance", 1), "adapt_tolerance: expected"),

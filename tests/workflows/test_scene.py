@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -44,6 +46,14 @@ def test_full_clamp_holds_the_thickness():
     assert not full.mechanical.u.reshape(-1, 3)[ends, 2].any()
     assert inplane.mechanical.u.reshape(-1, 3)[ends, 2].any()
     assert full.reactions["top"][1] > inplane.reactions["top"][1]
+
+
+def test_a_flat_sheet_needs_its_back():
+    scene = Scene("stretch", 0.02, (3, 3, 1), flat=True)
+    domain = scene.build(MPI.COMM_SELF)
+    sides = {name: tag for name, tag in domain.names.items() if name in ("bottom", "top")}
+    with pytest.raises(InputError, match="flat: expected a side named back in the mesh, got bottom, top"):
+        scene.conditions(dataclasses.replace(domain, names=sides))
 
 
 @pytest.mark.parametrize(
