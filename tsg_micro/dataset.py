@@ -154,6 +154,11 @@ class Dataset:
         """Mask (6,) of the components that are not silent."""
         return np.array([name not in self.silent for name in COMPONENTS])
 
+    @property
+    def sources(self) -> list[dict[str, Any]]:
+        """The parameters of the runs that the data are from."""
+        return list(self.parameters.get("joined", [self.parameters]))
+
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The arrays that are there, by name."""
         return {name: getattr(self, name) for name in UNITS if getattr(self, name) is not None}
@@ -259,13 +264,10 @@ def join_datasets(first: Dataset, second: Dataset) -> Dataset:
     joined: dict[str, Any] = {
         name: np.concatenate([a[name], b[name]]) if name in a and name in b else None for name in UNITS
     }
-    sources = [
-        *first.parameters.get("joined", [first.parameters]),
-        *second.parameters.get("joined", [second.parameters]),
-    ]
     seed = first.seed if first.seed == second.seed else None
     silent = tuple(name for name in first.silent if name in second.silent)
-    return dataclasses.replace(first, **joined, silent=silent, parameters={"joined": sources}, seed=seed)
+    sources = {"joined": [*first.sources, *second.sources]}
+    return dataclasses.replace(first, **joined, silent=silent, parameters=sources, seed=seed)
 
 
 def append_dataset(path: str | Path, dataset: Dataset) -> Dataset:

@@ -139,7 +139,7 @@ def known_bar_force(plan: Adaptation, dataset: Dataset | None) -> float:
     if dataset is not None:
         if dataset.tangent is None:
             raise InputError("data: expected tangents for --adapt, got none")
-        for source in dataset.parameters.get("joined", [dataset.parameters]):
+        for source in dataset.sources:
             there = source.get("bar_force")
             bar_force = there if bar_force is None else bar_force
             if there is not None and there != bar_force:

@@ -55,7 +55,7 @@ class Chain:
 
     def check_bar_force(self, dataset: Dataset, data: Path) -> None:
         """Raise InputError where the data of the file ``data`` are of another bar force; measured ones have none."""
-        for source in dataset.parameters.get("joined", [dataset.parameters]):
+        for source in dataset.sources:
             force = source.get("bar_force")
             if force not in (None, self.bar_force):
                 raise InputError(f"bar_force: expected {self.bar_force:g} N in {data}, got {force:g} N")

@@ -181,7 +181,7 @@ def _check_append(out: Path, plan: Plan, stress_measure: str) -> None:
         "blocks": list(plan.blocks),
         "images": plan.images,
     }
-    for source in there.parameters.get("joined", [there.parameters]):
+    for source in there.sources:
         if all(source.get(name) == value for name, value in same.items()):
             raise InputError(f"seed: expected another than that of the data in {out}, got {plan.seed} again")
 

@@ -149,7 +149,7 @@ def read_material(data: Path, scene: Scene, stress_measure: str | None = None) -
         dataset = dd.biot_dataset(dataset)
     else:
         dataset = convert_dataset(dataset, stress_measure or dataset.stress_measure)
-    for source in dataset.parameters.get("joined", [dataset.parameters]):
+    for source in dataset.sources:
         made_for = source.get("adapted")
         if isinstance(made_for, dict) and made_for["load"] == scene.load and 0 < scene.strain / made_for["strain"] <= 1:
             return dataset
