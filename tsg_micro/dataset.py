@@ -114,7 +114,6 @@ class Dataset:
                     f"data set, {name}: expected finite numbers, got NaN or infinity at {bad.size} points "
                     f"(first at index {bad[0]})"
                 )
-
         if self.deformation_gradient is not None and not (np.linalg.det(self.deformation_gradient) > 0.0).all():
             raise InputError("data set, deformation_gradient: expected det F > 0 at every point")
         for name in ("parameters", "versions"):

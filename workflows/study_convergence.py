@@ -176,7 +176,7 @@ def check(
     row |= {"held": held, "held_share": held / len(index), "changed": changed, "moved": None, "fell": None}
     try:
         row["moved"] = _apart(projection, method.once(projection, search, z), z)
-        if projection.residual(z.stress) > _SAME:
+        if projection.residual(projection.nominal_stress(z)) > _SAME:
             return row
         if isinstance(method, Classical):
             row["fell"] = _fall(projection, method, search, z, gap)
