@@ -44,6 +44,13 @@ if comm.rank == 0:
     print(result.iterations, result.normalised_distance, *pull)
 """
 
+FINITE = (
+    SOLVE.replace("StrainOperator", "GradientOperator")
+    .replace("Projection", "FiniteProjection")
+    .replace("cauchy", "first_piola")
+    .replace("operator, result,", "operator, dd_macro.in_space(result),")
+)
+
 FAIL = """
 import sys
 import dd_macro
@@ -85,10 +92,11 @@ def run(mpirun):
     return start
 
 
-def test_same_answer_on_1_2_and_3_ranks(run, tmp_path):
+@pytest.mark.parametrize("script", [SOLVE, FINITE], ids=["small", "finite"])
+def test_same_answer_on_1_2_and_3_ranks(script, run, tmp_path):
     numbers, fields = [], []
     for ranks in (1, 2, 3):
-        numbers.append(np.array(run(ranks, SOLVE, tmp_path / f"{ranks}.h5").split()[-5:], dtype=float))
+        numbers.append(np.array(run(ranks, script, tmp_path / f"{ranks}.h5").split()[-5:], dtype=float))
         fields.append(read_quadrature(tmp_path / f"{ranks}.h5"))
     assert numbers[0][0] > 3  # an iteration, not a lucky start
     for other, read in zip(numbers[1:], fields[1:], strict=True):
