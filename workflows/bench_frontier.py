@@ -115,13 +115,12 @@ def frontier(
     if not models or not set(models) <= set(MODELS):
         raise InputError(f"models: expected some of {', '.join(MODELS)}, got {', '.join(models) or 'none'}")
     known = _known_fe2(study, fe2)
+    if study.data is not None:
+        _seconds_per_datum(study.data)
     out, load = output_folder(study.out), study.load
     found = study.prepare()
     full = read_summary(found.dns, "dns")
-    sampled = read_summary(found.data, "sample")
-    if sampled.get("seconds_in_file") is None:
-        raise InputError(f"data: expected the time of sampling in the summary beside {found.data}, got none")
-    per_datum = sampled["seconds_in_file"] / sampled["points_in_file"]
+    per_datum = _seconds_per_datum(found.data)
     points: list[_Point] = []
     for model in models:
         for point in _points_of(study, found, model, known.get(MODELS[model]), per_datum, budgets):
@@ -161,6 +160,18 @@ def frontier(
 
         save_figure(plot_frontier(rows, full["seconds"], summary), out / "frontier.png")
     return summary
+
+
+def _seconds_per_datum(data: Path) -> float:
+    """What sampling of the file ``data`` took, s.
+
+    Raises:
+        InputError: no summary beside it says so.
+    """
+    sampled = read_summary(data, "sample")
+    if sampled.get("seconds_in_file") is None:
+        raise InputError(f"data: expected the time of sampling in the summary beside {data}, got none")
+    return float(sampled["seconds_in_file"] / sampled["points_in_file"])
 
 
 def _shown(point: _Point) -> str:

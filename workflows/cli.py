@@ -165,7 +165,8 @@ def solve(
     degree: Degree = 1,
     flat: Flat = False,
     stress_measure: Annotated[
-        Measure | None, typer.Option(help="Stress to solve in, or to write in finite strain; else that of the data.")
+        Measure | None,
+        typer.Option(help="Stress to solve in, else the data's; in finite strain to write, else first_piola."),
     ] = None,
     max_iterations: Annotated[int, typer.Option(help="Fixed-point iterations at most.")] = 300,
     over_relaxation: Annotated[float, typer.Option(help="Factor w of a query at y + w (z - y), 1 <= w < 2.")] = 1.7,

@@ -21,6 +21,7 @@ __all__ = ["FACTORS", "metric"]
 
 FACTORS = (0.1, 0.2, 0.3, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0)
 _RANGES = {"0.3_to_3": (0.3, 3.0), "0.1_to_10": (0.1, 10.0)}
+_LEAST = 4
 _ERRORS = ("error_mech", "error_mat", "error_mech_all", "error_mat_all")
 
 
@@ -38,12 +39,14 @@ def metric(
     """
     if len(set(factors)) < 2 or not (np.isfinite(factors).all() and min(factors) > 0):
         raise InputError(f"factors: expected at least two positive numbers, got {list(factors)}")
-    if sizes is not None and (not sizes or min(sizes) < 1):
-        raise InputError(f"sizes: expected numbers of at least 1, got {list(sizes)}")
+    if sizes is not None and (not sizes or min(sizes) < _LEAST):
+        raise InputError(
+            f"sizes: expected numbers of at least {_LEAST}, from which tangents can be estimated, got {list(sizes)}"
+        )
     out, load = output_folder(study.out), study.load
     found = study.prepare()
     many = len(found.dataset)
-    sizes = sorted({max(1, many // 100), many} if sizes is None else set(sizes))
+    sizes = sorted({max(_LEAST, many // 100), many} if sizes is None else set(sizes))
     if sizes[-1] > many:
         raise InputError(f"sizes: expected at most {many}, the number of data in {found.data}, got {sizes[-1]}")
     blocks = read_blocks(found.dns, found.dataset.stress_measure)

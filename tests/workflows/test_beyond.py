@@ -76,6 +76,16 @@ def test_a_metric_that_does_not_converge_is_a_row_that_says_why(chain, tmp_path,
     assert is_png(tmp_path / "metric.png")
 
 
+def test_measured_data_have_sizes_of_which_tangents_are_estimated(chain, tmp_path):
+    """A hundredth of them would be a single one."""
+    write_dataset(tmp_path / "m.h5", dataclasses.replace(read_dataset(chain.data), tangent=None))
+    study = Study(tmp_path, "stretch", SHEET, chain.dns, tmp_path / "m.h5")
+    summary = metric(study, factors=(1.0, 2.0), plots=False)
+    assert {row["data"] for row in summary["rows"]} == {4, 100}
+    with pytest.raises(InputError, match="sizes: expected numbers of at least 4"):
+        metric(study, sizes=(3,))
+
+
 @pytest.fixture(scope="module")
 def grid(chain, tmp_path_factory):
     """The grid of convergence with 10 and 100 data on 3 x 3 elements."""
