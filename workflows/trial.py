@@ -14,12 +14,13 @@ from tsg_micro.dataset import Dataset
 from tsg_micro.errors import InputError
 from workflows.chain import Chain
 from workflows.loads import SYMBOLS, check_load
+from workflows.methods import CLASSICAL
 from workflows.record import read_summary
 from workflows.reference import check_same_scene, solution_errors
 from workflows.scene import Scene, make_metric, read_material
 from workflows.stages import Stages
 
-__all__ = ["COLUMNS", "PATIENT", "Bench", "Inputs", "Row", "Study", "make_bench"]
+__all__ = ["COLUMNS", "Bench", "Inputs", "Row", "Study", "make_bench"]
 
 Row = dict[str, float]
 
@@ -28,8 +29,6 @@ COLUMNS = (
     *("iterations", "seconds", "seconds_search", "seconds_linear_solves"),
 )
 """Names of a row; errors and distances are relative, without ``_all`` the outer blocks are left out."""
-PATIENT = dd.SolverOptions(max_iterations=1000)
-"""A metric that is far too stiff needs hundreds of iterations."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +120,7 @@ class Bench:
     """p or q, whose error counts."""
 
     def solve(self, dataset: Dataset, start: dd.MechanicalState | None = None) -> tuple[Row, dd.MechanicalState]:
-        """Errors, iterations and times of one solve, and its mechanical state.
+        """Errors, iterations and times of one classical solve, and its mechanical state.
 
         Raises:
             InputError: the grid of the blocks or a stress measure does not fit.
@@ -129,7 +128,8 @@ class Bench:
         """
         begin = time.perf_counter()
         metric = self.projection.metric
-        result = dd.solve(self.projection, dd.MaterialSearch(dataset, metric), start=start, options=PATIENT)
+        way = CLASSICAL["classical"]
+        result = way.solve(self.projection, way.search(dataset, metric), start)
         seconds = time.perf_counter() - begin
         shown = dd.in_space(result, self.blocks.stress_measure)
         row = solution_errors(self.operator, metric, shown, self.blocks).row(self.symbol)
