@@ -160,9 +160,13 @@ def read_material(data: Path, scene: Scene, stress_measure: str | None = None) -
 
 
 def with_tangents(dataset: Dataset) -> Dataset:
-    """The data with their tangents, estimated from their neighbours where there are none.
+    """The data with their tangents, estimated from 16 neighbours, or all the others, where there are none.
 
     Raises:
-        InputError: too few data for that.
+        InputError: less than four data without tangents.
     """
-    return dataset if dataset.tangent is not None else dd.estimate_tangents(dataset)
+    if dataset.tangent is not None:
+        return dataset
+    if len(dataset) < 4:
+        raise InputError(f"data: expected tangents, or at least 4 points to estimate them from, got {len(dataset)}")
+    return dd.estimate_tangents(dataset, neighbours=min(16, len(dataset) - 1))

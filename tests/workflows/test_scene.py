@@ -9,8 +9,9 @@ import pytest
 from mpi4py import MPI
 
 import dd_macro as dd
+from tsg_micro.dataset import Dataset, take
 from tsg_micro.errors import InputError
-from workflows.scene import BLOCK, Scene
+from workflows.scene import BLOCK, Scene, with_tangents
 
 C = dd.isotropic(young=1e3, poisson=0.3).C
 
@@ -54,6 +55,16 @@ def test_a_flat_sheet_needs_its_back():
     sides = {name: tag for name, tag in domain.names.items() if name in ("bottom", "top")}
     with pytest.raises(InputError, match="flat: expected a side named back in the mesh, got bottom, top"):
         scene.conditions(dataclasses.replace(domain, names=sides))
+
+
+def test_tangents_of_few_data():
+    strain, n = 0.01 * np.vstack([np.eye(6), -np.eye(6)]), np.arange(12)
+    few = Dataset(strain, strain @ C, "first_piola", path=n, step=n)
+    found = with_tangents(few)
+    assert found.tangent is not None  # of less than 16 neighbours
+    assert np.isfinite(found.tangent).all()
+    with pytest.raises(InputError, match="data: expected tangents, or at least 4 points"):
+        with_tangents(take(few, n[:3]))
 
 
 @pytest.mark.parametrize(
