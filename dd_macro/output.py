@@ -20,6 +20,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from dd_macro.finite import in_space
 from dd_macro.parallel import atomic_path_of_all, in_turn
 from dd_macro.solver import DataDrivenResult
 from dd_macro.spaces import StrainOperator
@@ -86,10 +87,12 @@ def write_quadrature(
 ) -> None:
     """Write ``result`` to the HDF5 file ``path``, whole or not at all; the ranks take turns.
 
+    A result in finite strain is written as dd_macro.in_space shows it, with the stress ``stress_measure``.
+
     Raises:
         InputError: the folder cannot be written, or a rank fails to write its part; on all ranks.
     """
-    fields = _fields(operator, result)
+    fields = _fields(operator, in_space(result, stress_measure))
     domain = operator.domain
     rows = np.asarray(domain.mesh.topology.original_cell_index[: domain.owned_cells], dtype=np.int64)
     order = np.argsort(rows)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dd_macro.compat import geometry_nodes
+from dd_macro.finite import in_space
 from dd_macro.output import VTK_CORNERS
 from dd_macro.parallel import atomic_path_of_all, in_turn
 from dd_macro.projection import Projection
@@ -59,6 +60,8 @@ def cell_fields(projection: Projection, result: DataDrivenResult) -> dict[str, A
 def write_vtkhdf(path: str | Path, projection: Projection, result: DataDrivenResult) -> None:
     """Write ``result`` to the file ``path`` (suffix .vtkhdf), whole or not at all; the ranks take turns.
 
+    A result in finite strain is written as dd_macro.in_space shows it, with the first Piola stress.
+
     Raises:
         InputError: another suffix, the folder cannot be written, or a rank fails to write; on all ranks.
     """
@@ -66,7 +69,7 @@ def write_vtkhdf(path: str | Path, projection: Projection, result: DataDrivenRes
         raise InputError(f"output {path}: expected a name that ends in .vtkhdf, by which ParaView knows its reader")
     operator = projection.operator
     comm = operator.comm
-    fields = cell_fields(projection, result)
+    fields = cell_fields(projection, in_space(result))
     nodes, connectivity = np.unique(geometry_nodes(operator.domain.mesh)[:, VTK_CORNERS], return_inverse=True)
     points = operator.domain.mesh.geometry.x[nodes]
     u = np.empty_like(points)

@@ -26,9 +26,11 @@ from dd_macro import (
     box,
     in_space,
     isotropic,
+    read_quadrature,
     solve,
     solve_law,
     solve_second_order,
+    write_quadrature,
 )
 from dd_macro.kinematics import FiniteStrain, second_piola
 from dd_macro.parallel import total
@@ -253,7 +255,7 @@ def test_classical_solve_nears_the_law(operator):
     assert errors[1] < 0.08
 
 
-def test_shown_in_space(operator, data):
+def test_shown_in_space(operator, data, folder):
     """Both states turned back: first Piola stress of the state, and the same point in another measure."""
     scene = FiniteProjection(operator, METRIC, pulled(2e-6))
     result = solve(scene, MaterialSearch(data, METRIC))
@@ -268,6 +270,13 @@ def test_shown_in_space(operator, data):
     found = FiniteStrain((z.F - np.eye(3)).reshape(-1, 9))
     U = np.eye(3) + from_mandel(result.material_strain)
     np.testing.assert_allclose(shown.material_strain, to_mandel(found.R @ U - np.eye(3)), atol=1e-12)
+    write_quadrature(folder / "q.h5", operator, result, stress_measure="cauchy")
+    written = read_quadrature(folder / "q.h5").mechanical_stress.reshape(-1, 6)
+    squares = [
+        total(operator.comm, operator.weights @ cauchy**2),
+        written.T**2 @ np.tile(operator.weights[0], len(written)),
+    ]
+    np.testing.assert_allclose(squares[1], squares[0], rtol=1e-9)
     small = solve(Projection(StrainOperator(operator.domain), METRIC, pulled(2e-6)), MaterialSearch(data, METRIC))
     assert in_space(small) is small
 
