@@ -9,11 +9,15 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import ArrayLike, NDArray
+from threadpoolctl import threadpool_limits
 
 from tsg_micro.errors import InputError
 from tsg_micro.files import atomic_path
 
-__all__ = ["atomic_path_of_all", "check_everywhere", "in_turn", "together", "total"]
+__all__ = ["atomic_path_of_all", "check_everywhere", "in_turn", "one_thread", "together", "total"]
+
+one_thread = threadpool_limits.wrap(limits=1)
+"""Decorator: BLAS with one thread. The blocks of a sheet are small, and threads slow them down; work is for ranks."""
 
 
 def total(comm: MPI.Comm, value: ArrayLike) -> NDArray[np.float64]:

@@ -21,7 +21,7 @@ from dd_macro.finite import state_on
 from dd_macro.kinematics import Kinematics
 from dd_macro.laws import Law
 from dd_macro.linear import LinearSolver
-from dd_macro.parallel import total
+from dd_macro.parallel import one_thread, total
 from dd_macro.projection import MechanicalState
 from dd_macro.spaces import StrainOperator, TangentMatrix
 from tsg_micro.errors import ConvergenceError, InputError
@@ -106,6 +106,7 @@ class _State:
     residual: float
 
 
+@one_thread
 def solve_law(
     operator: StrainOperator,
     law: Law,

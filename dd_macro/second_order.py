@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dd_macro.finite import FiniteProjection
-from dd_macro.parallel import total
+from dd_macro.parallel import one_thread, total
 from dd_macro.projection import MechanicalState, Projection
 from dd_macro.second_order_steps import AlternatingStep, Record, Step, local_tangent_step
 from dd_macro.solver import DataDrivenResult, Iteration
@@ -116,6 +116,7 @@ def _as(mask: NDArray[np.bool_], array: NDArray[Any]) -> NDArray[np.bool_]:
     return mask.reshape(-1, *(1,) * (array.ndim - 1))
 
 
+@one_thread
 def solve_second_order(
     projection: Projection,
     search: TangentSearch,

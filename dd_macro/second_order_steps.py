@@ -196,6 +196,7 @@ class FiniteTangentStep(LocalTangentStep):
     def __init__(self, record: Record, scene: FiniteProjection) -> None:
         super().__init__(record)
         self.scene = scene
+        self._last: tuple[Array, FiniteStrain] | None = None
 
     def __call__(
         self, z: MechanicalState, spaces: TangentSpaces, *, changed: int, search: float, final: bool
@@ -229,7 +230,9 @@ class FiniteTangentStep(LocalTangentStep):
     def _on(self, spaces: TangentSpaces, u: Array) -> tuple[MechanicalState, FiniteStrain, float]:
         """State of the nodal u on the tangent spaces, its kinematics, and the out-of-balance force, inf inside out."""
         scene = self.scene
-        found = FiniteStrain(scene.operator.strain(u))
+        if self._last is None or self._last[0] is not u:  # a step starts where the last one ended
+            self._last = u, FiniteStrain(scene.operator.strain(u))
+        found = self._last[1]
         stress = spaces.stress + np.einsum("nij,nj->ni", spaces.tangent, found.strain - spaces.strain)
         state = state_on(u, found, stress)
         residual = scene.residual(scene.nominal_stress(state))

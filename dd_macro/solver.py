@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dd_macro.parallel import total
+from dd_macro.parallel import one_thread, total
 from dd_macro.projection import MechanicalState, Projection
 from dd_macro.search import MaterialSearch
 from tsg_micro.errors import ConvergenceError, InputError
@@ -90,6 +90,7 @@ class DataDrivenResult:
     history: tuple[Iteration, ...]
 
 
+@one_thread
 def solve(
     projection: Projection,
     search: MaterialSearch,

@@ -22,7 +22,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 import dd_macro as dd
-from dd_macro.parallel import total
+from dd_macro.parallel import one_thread, total
 from dd_macro.second_order_steps import Record, local_tangent_step
 from tsg_micro.dataset import Dataset
 from tsg_micro.errors import InputError
@@ -152,6 +152,7 @@ def known_bar_force(plan: Adaptation, dataset: Dataset | None) -> float:
     return bar_force
 
 
+@one_thread
 def adapt(
     operator: dd.StrainOperator,
     conditions: list[dd.Displacement],
