@@ -55,7 +55,9 @@ def convergence(
     paths: Paths = 1000,
     steps: Steps = 10,
     seed: Seed = 0,
-    size: Annotated[list[int] | None, typer.Option(help="Number of data; repeat for several.")] = None,
+    size: Annotated[
+        list[int] | None, typer.Option(help="Number of data; repeat for several. Else 10 to 10,000.")
+    ] = None,
     data: Data = None,
     plots: Plots = True,
 ) -> None:
@@ -66,7 +68,7 @@ def convergence(
 
     loads = [one.value for one in Load] if load is None else [load.value]
     chain = Chain(blocks, strain, bar_force, paths, steps, seed)
-    summary = run(out, chain=chain, loads=loads, data=data, sizes=size or (10, 100, 1000, 10_000), plots=plots, say=say)
+    summary = run(out, chain=chain, loads=loads, data=data, sizes=size, plots=plots, say=say)
     for state, count in summary["counts"].items():
         say(f"{state:24} {count} of {summary['cells']}")
     say(f"{'results':24} {out}")

@@ -47,6 +47,7 @@ and large beside what the metric makes of a tolerance: projections that end with
 _LITTLE = 0.01
 _MORE = 20
 """Plain iterations that must not lower a distance which has settled."""
+_SIZES = (10, 100, 1000, 10_000)
 
 
 def convergence(
@@ -55,15 +56,15 @@ def convergence(
     chain: Chain,
     loads: Sequence[str] = ("stretch", "shear"),
     data: Path | None = None,
-    sizes: Sequence[int] = (10, 100, 1000, 10_000),
+    sizes: Sequence[int] | None = None,
     plots: bool = True,
     stages: Stages | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
     """Solve every cell of the grid and check what it claims; convergence.csv has a row for each.
 
-    The data of ``sizes`` are the first ones of one random order. ``data`` is a file for a single load, else they are
-    sampled. ``chain.blocks`` are the elements.
+    The data of ``sizes`` are the first ones of one random order; 10, 100, 1000 and 10,000 of them, as far as there are
+    so many, if None. ``data`` is a file for a single load, else they are sampled. ``chain.blocks`` are the elements.
 
     Raises:
         InputError: an argument or a file is not valid.
@@ -71,7 +72,7 @@ def convergence(
     """
     if not loads or (data is not None and len(loads) > 1):
         raise InputError(f"loads: expected one beside data, else at least one, got {list(loads)}")
-    if not sizes or min(sizes) < 4:
+    if sizes is not None and min(sizes, default=0) < 4:
         raise InputError(f"sizes: expected numbers of at least 4, from which tangents can be estimated, got {sizes}")
     studies = [Study(out, load, chain, data=data) for load in loads]  # raises where a load is not valid
     if data is not None:
@@ -81,9 +82,10 @@ def convergence(
     for study in studies:
         scene = Scene(study.load, chain.strain, elements=chain.elements)
         dataset = read_material(data or chain.data(stages, study.load), scene)
-        if max(sizes) > len(dataset):
-            raise InputError(f"sizes: expected at most {len(dataset)}, the number of data, got {max(sizes)}")
-        for row in _cells(scene, dataset, sorted(set(sizes))):
+        if max(sizes or [0]) > len(dataset):
+            raise InputError(f"sizes: expected at most {len(dataset)}, the number of data, got {max(sizes or [0])}")
+        few = [size for size in _SIZES if size <= len(dataset)] or [len(dataset)]
+        for row in _cells(scene, dataset, sorted(set(sizes or few))):
             rows.append({"load": study.load} | row)
             cell = f"{study.load}, {row['metric']}, {row['data']} data, {row['method']}"
             say(f"{cell:62} {row['state']}, {row['iterations']} iterations")
@@ -92,7 +94,7 @@ def convergence(
     summary = write_summary(
         out,
         command="study convergence",
-        parameters={**chain.parameters(), "loads": loads, "data": data, "sizes": sizes},
+        parameters={**chain.parameters(), "loads": loads, "data": data, "sizes": sorted({row["data"] for row in rows})},
         figures={
             "cells": (len(rows), ""),
             "counts": ({state: count[state] for state in STATES}, ""),
