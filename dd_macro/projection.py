@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from dd_macro.metric import Metric
 from dd_macro.parallel import total
 from dd_macro.spaces import StrainOperator, stiffness_matrix
 
-__all__ = ["MechanicalState", "Projection"]
+__all__ = ["MechanicalState", "Projection", "relative_distance"]
 
 Array = NDArray[np.float64]
 
@@ -111,3 +112,23 @@ class Projection:
     def nominal_stress(self, z: MechanicalState) -> Array:
         """The stress (n, 6) in Pa of the equations."""
         return z.stress
+
+
+class State(Protocol):
+    """Strain (n, 6) and stress (n, 6) in Pa at the quadrature points."""
+
+    @property
+    def strain(self) -> Array:
+        """Mandel strain."""
+
+    @property
+    def stress(self) -> Array:
+        """Mandel stress, Pa."""
+
+
+def relative_distance(operator: StrainOperator, metric: Metric, a: State, b: State) -> float:
+    """|a - b| / |b| of two states in the metric; collective."""
+    off, size = metric.whiten(a.strain - b.strain, a.stress - b.stress), metric.whiten(b.strain, b.stress)
+    w = operator.weights
+    sums = total(operator.comm, [w @ (off**2).sum(axis=1), w @ (size**2).sum(axis=1)])
+    return float(np.sqrt(sums[0] / sums[1]))

@@ -9,7 +9,7 @@ stream, seeded by (seed, p): the data do not depend on how many processes share 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,16 @@ from tsg_micro.errors import ConvergenceError, InputError
 from tsg_micro.mandel import COMPONENTS, to_mandel
 from tsg_micro.rve import RVE, RVEState
 
-__all__ = ["BOXES", "PathData", "StrainBox", "join_paths", "sample_path", "sample_paths", "strain_path"]
+__all__ = [
+    "BOXES",
+    "PathData",
+    "StrainBox",
+    "join_paths",
+    "sample_path",
+    "sample_paths",
+    "state_dataset",
+    "strain_path",
+]
 
 Array = NDArray[np.float64]
 SHEET = ("zz", "yz", "xz")
@@ -152,21 +161,32 @@ def join_paths(
     if not sum(counts):
         reasons = "; ".join(sorted({data.failure for data in ordered if data.failure}))
         raise InputError(f"paths: expected at least one state in equilibrium, got none ({reasons})")
-    F = np.concatenate([data.F for data in ordered])
-    strain = to_mandel(F - np.eye(3))
-    stress = to_mandel(np.concatenate([data.first_piola for data in ordered]))
-    free = set.intersection(*(set(data.free) for data in ordered))
-    return Dataset(
-        strain=strain,
-        stress=stress,
-        silent=tuple(name for name in zero_components(strain, stress) if name in free),
-        stress_measure="first_piola",
+    found = state_dataset(
+        F=np.concatenate([data.F for data in ordered]),
+        first_piola=np.concatenate([data.first_piola for data in ordered]),
+        tangent=np.concatenate([data.tangent for data in ordered]),
+        energy=np.concatenate([data.energy for data in ordered]),
         path=np.repeat([data.path for data in ordered], counts),
         step=np.concatenate([np.arange(count) for count in counts]),
-        tangent=np.concatenate([data.tangent for data in ordered]),
-        deformation_gradient=F,
-        energy=np.concatenate([data.energy for data in ordered]),
         parameters=parameters,
         versions=versions,
         seed=seed,
+    )
+    free = set.intersection(*(set(data.free) for data in ordered))
+    return replace(found, silent=tuple(name for name in zero_components(found.strain, found.stress) if name in free))
+
+
+def state_dataset(*, F: Array, first_piola: Array, tangent: Array, energy: Array, **more: Any) -> Dataset:
+    """The data set of N RVE states: F (N, 3, 3), first Piola stress (N, 3, 3) in Pa, tangent (N, 6, 6) in Pa.
+
+    ``energy`` (N,) is in J/m^3; ``more`` are path, step and other fields of the data set.
+    """
+    return Dataset(
+        strain=to_mandel(F - np.eye(3)),
+        stress=to_mandel(first_piola),
+        stress_measure="first_piola",
+        tangent=tangent,
+        deformation_gradient=F,
+        energy=energy,
+        **more,
     )

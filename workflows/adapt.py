@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 import dd_macro as dd
 from dd_macro.parallel import one_thread, total
+from dd_macro.projection import relative_distance
 from dd_macro.second_order_steps import Record, local_tangent_step
 from tsg_micro.dataset import Dataset
 from tsg_micro.errors import InputError
@@ -195,7 +196,7 @@ def adapt(
         last, spaces, iterations = z, search.spaces(z.strain, z.stress), 0
         if rounds or dataset is not None:
             z, iterations = step(z, spaces, changed=0, search=0.0, final=step.exact), 1
-        change = _change(comm, w, C, z, last) if rounds else None
+        change = relative_distance(operator, C, last, z) if rounds else None
         (gap, new), old = _gap(comm, w, C, z.strain, known.strain[spaces.index]), away
         away, left = new, min(new / old, _LEFT) if old > 0 else _LEFT
         error = None if change is None else change * left / (1.0 - left)
@@ -228,12 +229,6 @@ def _gap(comm: MPI.Comm, w: Array, C: dd.Metric, strain: Array, datum: Array) ->
     off, all_of_it = (((e @ C.factor) ** 2).sum(axis=1) for e in (strain - datum, strain))
     sums = total(comm, [w @ off, w @ all_of_it, w @ off**2])
     return float(np.sqrt(sums[0] / sums[1])), float(np.sqrt(sums[2]))
-
-
-def _change(comm: MPI.Comm, w: Array, C: dd.Metric, z: dd.MechanicalState, last: dd.MechanicalState) -> float:
-    now, off = C.whiten(z.strain, z.stress), C.whiten(z.strain - last.strain, z.stress - last.stress)
-    sums = total(comm, [w @ (off**2).sum(axis=1), w @ (now**2).sum(axis=1)])
-    return float(np.sqrt(sums[0] / sums[1]))
 
 
 def _surprise(found: Dataset, search: dd.TangentSearch) -> float:

@@ -16,6 +16,7 @@ from tsg_micro.errors import ConvergenceError, InputError
 from tsg_micro.mandel import to_mandel
 from tsg_micro.parameters import CellParameters
 from tsg_micro.rve import RVE
+from tsg_micro.sampling import state_dataset
 from workflows.record import versions
 
 __all__ = ["AdaptedData", "KnownState", "KnownStates"]
@@ -146,17 +147,14 @@ class AdaptedData:
 
     def _append(self, states: list[KnownState]) -> Dataset:
         """The states as data, the call as their path; of one run: unlike join_datasets it has one source."""
-        F = np.array([state.F for state in states])
         found = convert_dataset(
-            Dataset(
-                strain=to_mandel(F - np.eye(3)),
-                stress=to_mandel(np.array([state.first_piola for state in states])),
-                stress_measure="first_piola",
+            state_dataset(
+                F=np.array([state.F for state in states]),
+                first_piola=np.array([state.first_piola for state in states]),
+                tangent=np.array([state.tangent for state in states]),
+                energy=np.array([state.energy for state in states]),
                 path=np.full(len(states), self.calls),
                 step=np.arange(len(states)),
-                tangent=np.array([state.tangent for state in states]),
-                deformation_gradient=F,
-                energy=np.array([state.energy for state in states]),
                 parameters=self.parameters,
                 versions=self.versions,
             ),

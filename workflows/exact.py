@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 import dd_macro as dd
+from dd_macro.projection import relative_distance
 from tsg_micro.dataset import Dataset
 from tsg_micro.errors import ConvergenceError, InputError
-from tsg_micro.mandel import pressure, to_mandel, von_mises
+from tsg_micro.mandel import pressure, von_mises
+from tsg_micro.sampling import state_dataset
 from workflows.adapt import Adaptation, Adapted, adapt
 from workflows.loads import SYMBOLS
 from workflows.record import read_summary, versions
@@ -64,7 +66,8 @@ class Exact:
 
     def errors(self, result: dd.DataDrivenResult) -> dict[str, float | None]:
         """Relative errors (l2): p and q of the inner blocks, mechanical and material, and the state in the metric."""
-        result, z = dd.in_space(result), dd.in_space(result).mechanical
+        result = dd.in_space(result)
+        z = result.mechanical
         exact = self.operator.cell_mean(self.stress)[self.inner]
         errors: dict[str, float | None] = {}
         for suffix, stress in (("", z.stress), ("_mat", result.material_stress)):
@@ -72,9 +75,7 @@ class Exact:
             for name, invariant in _INVARIANTS.items():
                 a, b = invariant(mean), invariant(exact)
                 errors[name + suffix] = float(np.linalg.norm(a - b) / np.linalg.norm(b))
-        w, whiten = self.operator.weights, self.metric.whiten
-        off, size = whiten(z.strain - self.strain, z.stress - self.stress), whiten(self.strain, self.stress)
-        errors["state"] = float(np.sqrt((w @ (off**2).sum(axis=1)) / (w @ (size**2).sum(axis=1))))
+        errors["state"] = relative_distance(self.operator, self.metric, z, self)
         return errors | {"held": getattr(result, "held", 0)}
 
     @staticmethod
@@ -113,7 +114,7 @@ def read_exact(fe2: Path, scene: Scene, bar_force: float) -> Exact:
     operator = scene.operator(domain)
     rows = domain.mesh.topology.original_cell_index[: domain.owned_cells]
     strain, stress = (a[rows].reshape(-1, 6) for a in (fields.mechanical_strain, fields.mechanical_stress))
-    metric = dd.secant_modulus(_states(strain, stress, {}))
+    metric = dd.secant_modulus(Dataset(strain, stress, fields.stress_measure, **_points(len(strain))))
     inner = dd.interior_blocks(operator.cell_corners.mean(axis=1))
     return Exact(scene, operator, scene.conditions(domain), strain, stress, metric, inner)
 
@@ -138,27 +139,18 @@ def box_states(*, low: Array, high: Array, bar_force: float, states: int, seed: 
                 failed += 1
                 if failed > states:
                     raise ConvergenceError(f"RVEs in the box of strains: most have no equilibrium, {error}") from None
-    F = np.array([state.F for state in found])
     box = {"name": "random", "low": low.tolist(), "high": high.tolist(), "free": []}
-    return _states(
-        *(to_mandel(F - np.eye(3)), to_mandel(np.array([state.first_piola for state in found]))),
-        {"bar_force": bar_force, "box": box, "failed": failed, "images": "merged"},
+    return state_dataset(
+        F=np.array([state.F for state in found]),
+        first_piola=np.array([state.first_piola for state in found]),
         tangent=np.array([state.tangent for state in found]),
-        deformation_gradient=F,
         energy=np.array([state.energy for state in found]),
-    )
-
-
-def _states(strain: Array, stress: Array, parameters: dict[str, Any], **more: Array) -> Dataset:
-    """Each state a path of its own."""
-    n = len(strain)
-    return Dataset(
-        strain=strain,
-        stress=stress,
-        stress_measure="first_piola",
-        path=np.arange(n),
-        step=np.zeros(n, dtype=np.int64),
-        parameters=parameters,
+        **_points(states),
+        parameters={"bar_force": bar_force, "box": box, "failed": failed, "images": "merged"},
         versions=versions(),
-        **more,  # type: ignore[arg-type]
     )
+
+
+def _points(count: int) -> dict[str, Any]:
+    """Each state is a path of its own."""
+    return {"path": np.arange(count), "step": np.zeros(count, dtype=np.int64)}

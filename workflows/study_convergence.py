@@ -17,6 +17,7 @@ import numpy as np
 from mpi4py import MPI
 
 import dd_macro as dd
+from dd_macro.projection import relative_distance
 from tsg_micro.dataset import Dataset, take
 from tsg_micro.errors import ConvergenceError, InputError
 from tsg_micro.files import output_folder
@@ -177,7 +178,7 @@ def check(
     row: dict[str, Any] = {"state": STATES[5], "reason": result.reason, "iterations": result.iterations}
     row |= {"held": held, "held_share": held / len(index), "changed": changed, "moved": None, "fell": None}
     try:
-        row["moved"] = _apart(projection, method.once(projection, search, z), z)
+        row["moved"] = relative_distance(projection.operator, projection.metric, method.once(projection, search, z), z)
         if projection.residual(projection.nominal_stress(z)) > _SAME:
             return row
         if isinstance(method, Classical):
@@ -212,11 +213,5 @@ def _is_of_its_data(projection: dd.Projection, search: dd.MaterialSearch, result
     """Whether the state is in equilibrium on the tangent spaces of the data that the result names."""
     assert isinstance(search, dd.TangentSearch)
     z = result.mechanical
-    return _apart(projection, on_spaces(projection, search.of(result.index), z), z) <= _SAME
-
-
-def _apart(projection: dd.Projection, a: dd.MechanicalState, b: dd.MechanicalState) -> float:
-    """Length of the difference of two states in the metric, relative to that of b."""
-    w, whiten = projection.operator.weights, projection.metric.whiten
-    off, size = whiten(a.strain - b.strain, a.stress - b.stress), whiten(b.strain, b.stress)
-    return float(np.sqrt((w @ (off**2).sum(axis=1)) / (w @ (size**2).sum(axis=1))))
+    found = on_spaces(projection, search.of(result.index), z)
+    return relative_distance(projection.operator, projection.metric, found, z) <= _SAME
