@@ -191,9 +191,8 @@ class _Scene:
         Raises:
             ConvergenceError: it was not found.
         """
-        self._factorise(state)
+        tangent = self._factorise(state)
         jump = (load - state.load) * self.prescribed
-        tangent = state.found.nominal_tangent(state.stress, state.tangent)
         change = np.einsum("nij,nj->ni", tangent, self.operator.strain(jump))
         predicted = state.found.nominal_stress(state.stress) + change
         step = jump + self.linear.solve(load * self.loads - self.operator.force(predicted))
@@ -265,9 +264,12 @@ class _Scene:
             self.progress(self.history[-1])
         return state
 
-    def _factorise(self, state: _State) -> None:
-        K = self.matrix.assemble(state.found.nominal_tangent(state.stress, state.tangent))
+    def _factorise(self, state: _State) -> Array:
+        """Take the tangent at ``state``, and return its moduli (n, 6, 6) or (n, 9, 9) in Pa."""
+        moduli = state.found.nominal_tangent(state.stress, state.tangent)
+        K = self.matrix.assemble(moduli)
         if self._linear is None:
             self._linear = LinearSolver(self.operator, K, self.fixed, prefix="ref_", definite=False)
         else:
             self._linear.update()
+        return moduli

@@ -37,11 +37,12 @@ class SecondOrderOptions:
     """How the second-order solve runs.
 
     ``max_iterations`` bounds the iterations: projections onto the constraint set, or factorisations. ``tolerance`` is
-    the change of the state, relative to its length, below which it has converged. Points may go back and forth between
-    data for ever, more so if these are noisy: a point that returns twice to a datum that it just left keeps it, and
-    after ``hold_after`` searches the points that move most keep what they have, more each time. So the iteration ends,
-    and the result says how many points were held. Averages over neighbours that approach their fixed point slowly, or
-    not at all, are looked up part of the way.
+    the change of the state, relative to its length, below which it has converged; in the alternating method it also
+    bounds the gradient of the distance, so that the state may be further off. Points may go back and forth between data
+    for ever, more so if these are noisy: a point that returns twice to a datum that it just left keeps it, and after
+    ``hold_after`` searches the points that move most keep what they have, more each time. So the iteration ends, and
+    the result says how many points were held. Averages over neighbours that approach their fixed point slowly, or not
+    at all, are looked up part of the way.
 
     Raises:
         InputError: on construction, where a value is out of range.
