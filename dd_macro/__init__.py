@@ -4,26 +4,26 @@ The job as a chain: mesh -> strain operator -> metric -> search and projection -
 """
 
 from dd_macro import compat  # noqa: F401  (first: it decides how DOLFINx is imported)
-from dd_macro.boundary import Displacement, Traction
-from dd_macro.compare import BlockStress, Comparison, FieldError, compare_blocks, interior_blocks
 from dd_macro.compat import KernelError
-from dd_macro.estimated import estimate_tangents
-from dd_macro.finite import FiniteProjection, FiniteState, biot_dataset, in_space, make_projection
-from dd_macro.fitting import fit_linear, fit_polynomial, mirrors_of
-from dd_macro.kinematics import FiniteStrain
-from dd_macro.laws import FitReport, Law, LinearLaw, PolynomialEnergy
-from dd_macro.mesh import SIDES, TaggedMesh, box, read_msh
-from dd_macro.metric import Metric, isotropic, mean_tangent, metric_from_dataset, secant_modulus
-from dd_macro.output import QuadratureFields, read_quadrature, write_quadrature
-from dd_macro.projection import MechanicalState, Projection
-from dd_macro.reference import NewtonIteration, ReferenceOptions, ReferenceResult, solve_law
-from dd_macro.search import MaterialSearch
-from dd_macro.second_order import SecondOrderOptions, SecondOrderResult, solve_second_order
-from dd_macro.solver import DataDrivenResult, Iteration, SolverOptions, solve
-from dd_macro.spaces import GradientOperator, StrainOperator, TangentMatrix
-from dd_macro.tangent_search import TangentSearch
-from dd_macro.visited import visited_tangent
-from dd_macro.vtkhdf import write_vtkhdf
+from dd_macro.material.estimated_tangents import estimate_tangents
+from dd_macro.material.fitting import fit_linear, fit_polynomial, mirrors_of
+from dd_macro.material.laws import FitReport, Law, LinearLaw, PolynomialEnergy
+from dd_macro.material.metric import Metric, isotropic, mean_tangent, metric_from_dataset, secant_modulus
+from dd_macro.material.search import MaterialSearch
+from dd_macro.material.tangent_spaces import TangentSearch
+from dd_macro.methods.finite_projection import FiniteProjection, FiniteState, biot_dataset, in_space, make_projection
+from dd_macro.methods.newton import NewtonIteration, ReferenceOptions, ReferenceResult, solve_law
+from dd_macro.methods.points import DataDrivenResult, Iteration, SolverOptions, solve
+from dd_macro.methods.projection import MechanicalState, Projection
+from dd_macro.methods.second_order import SecondOrderOptions, SecondOrderResult, solve_second_order
+from dd_macro.methods.visited_metric import visited_tangent
+from dd_macro.results.compare import BlockStress, Comparison, FieldError, compare_blocks, interior_blocks
+from dd_macro.results.quadrature_file import QuadratureFields, read_quadrature, write_quadrature
+from dd_macro.results.vtkhdf import write_vtkhdf
+from dd_macro.scene.boundary import Displacement, Traction
+from dd_macro.scene.kinematics import FiniteStrain
+from dd_macro.scene.mesh import SIDES, TaggedMesh, box, read_msh
+from dd_macro.scene.spaces import GradientOperator, StrainOperator, TangentMatrix
 
 __all__ = [
     "SIDES",

@@ -11,8 +11,8 @@ from mpi4py import MPI
 from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import threadpool_limits
 
-from tsg_micro.errors import InputError
-from tsg_micro.files import atomic_path
+from tsg_micro.data.errors import InputError
+from tsg_micro.data.files import atomic_path
 
 __all__ = ["atomic_path_of_all", "check_everywhere", "in_turn", "one_thread", "together", "total"]
 

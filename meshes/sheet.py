@@ -1,6 +1,6 @@
 """Sheets of structured hexahedra as gmsh files (format 4.1, m), for ``dd_macro.read_msh``.
 
-Named sides as in ``dd_macro.mesh.SIDES``: left, right (x), bottom, top (y), back, front (z); and hole, where there is
+Named sides as in ``dd_macro.SIDES``: left, right (x), bottom, top (y), back, front (z); and hole, where there is
 one. They keep their names when the sheet is tapered or bent.
 """
 
@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tsg_micro.errors import InputError
-from tsg_micro.files import atomic_path
+from tsg_micro.data.errors import InputError
+from tsg_micro.data.files import atomic_path
 
 __all__ = ["curved_sheet", "flat_sheet", "sheet_with_hole", "tapered_sheet"]
 

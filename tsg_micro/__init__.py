@@ -1,10 +1,18 @@
 """Tensegrity micro-solver: truncated-octahedron cells, their equilibrium, and what they are as a continuum.
 
 The job as a chain: structure -> prestress -> equilibrium -> homogenise, RVE -> sampling -> data set.
-SI units throughout; strain and stress vectors are Mandel (tsg_micro.mandel).
+SI units throughout; strain and stress vectors are Mandel (tsg_micro.data.mandel).
 """
 
-from tsg_micro.dataset import (
+from tsg_micro.cells.lattice import box_cells, lattice, side_nodes, spheroid_cells
+from tsg_micro.cells.parameters import CellParameters
+from tsg_micro.cells.prestress import SelfStress, prestressed, self_stress, with_bar_force, with_force_density
+from tsg_micro.cells.structure import Structure, equilibrium_matrix, from_arrays, member_vectors
+from tsg_micro.cells.unit_cell import UnitCell, unit_cell
+from tsg_micro.continuum.homogenise import BlockFields, block_fields, cell_gradient, kirchhoff_stress
+from tsg_micro.continuum.rve import RVE, RVEState, build_rve
+from tsg_micro.continuum.sampling import BOXES, StrainBox, join_paths, sample_paths, strain_path
+from tsg_micro.data.dataset import (
     Dataset,
     append_dataset,
     convert_dataset,
@@ -13,18 +21,10 @@ from tsg_micro.dataset import (
     take,
     write_dataset,
 )
-from tsg_micro.equilibrium import Equilibrium, EquilibriumSolver
-from tsg_micro.errors import ConvergenceError, InputError
-from tsg_micro.homogenise import BlockFields, block_fields, cell_gradient, kirchhoff_stress
-from tsg_micro.lattice import box_cells, lattice, side_nodes, spheroid_cells
-from tsg_micro.mandel import from_mandel, pressure, to_mandel, von_mises
-from tsg_micro.newton import NewtonOptions
-from tsg_micro.parameters import CellParameters
-from tsg_micro.prestress import SelfStress, prestressed, self_stress, with_bar_force, with_force_density
-from tsg_micro.rve import RVE, RVEState, build_rve
-from tsg_micro.sampling import BOXES, StrainBox, join_paths, sample_paths, strain_path
-from tsg_micro.structure import Structure, equilibrium_matrix, from_arrays, member_vectors
-from tsg_micro.unit_cell import UnitCell, unit_cell
+from tsg_micro.data.errors import ConvergenceError, InputError
+from tsg_micro.data.mandel import from_mandel, pressure, to_mandel, von_mises
+from tsg_micro.equilibrium.load_path import Equilibrium, EquilibriumSolver
+from tsg_micro.equilibrium.newton import NewtonOptions
 
 __all__ = [
     "BOXES",

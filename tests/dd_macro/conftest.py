@@ -7,7 +7,7 @@ import pytest
 from mpi4py import MPI
 
 import dd_macro  # noqa: F401  (before anything of DOLFINx)
-from tsg_micro.dataset import Dataset
+from tsg_micro.data.dataset import Dataset
 
 COMM = MPI.COMM_WORLD
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsg_micro.lattice import box_cells, lattice, side_nodes
-from tsg_micro.parameters import CellParameters
-from tsg_micro.prestress import prestressed
+from tsg_micro.cells.lattice import box_cells, lattice, side_nodes
+from tsg_micro.cells.parameters import CellParameters
+from tsg_micro.cells.prestress import prestressed
 
 
 @pytest.fixture

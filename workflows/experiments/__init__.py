@@ -11,7 +11,7 @@ import csv
 from dataclasses import dataclass
 from importlib.resources import files
 
-from tsg_micro.errors import InputError
+from tsg_micro.data.errors import InputError
 
 __all__ = ["Published", "published", "sources"]
 

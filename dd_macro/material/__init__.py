@@ -1,0 +1,1 @@
+"""What answers a strain: metric, search, tangent spaces, laws; no mesh appears here."""

@@ -1,0 +1,88 @@
+"""Tangents of data that came without: local principal components of the strain, and least squares in their directions.
+
+At each datum the neighbours' strains and stresses, whitened by a metric C, are taken about their means with the weights
+(1 - r^2/R^2)^2, R the distance of the outermost neighbour. The principal components of the strain with more than 2 %
+of the largest variance are the directions t that the data span, the others, n, are silent. In these directions
+D = [[D_tt, D_tn], [D_nt, D_nn]]:
+
+    D_tt, D_tn    least squares of stress over strain, D symmetric: the data give t . sigma and n . sigma of a strain t
+    D_nn          D_nt D_tt^-1 D_tn + C_nn: nothing of it is in the data; C_nn is the stiffness of n while the stress
+                  along t is held
+
+So D is positive definite, and C_nn does not matter where the body leaves n free of stress, as the faces of a sheet do.
+Where it does matter, as for the shear of a sheet that was only stretched, it is an assumption. In components that the
+data declare silent it is next to nothing (dd_macro.material.metric): the stress there stays at zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from dd_macro.material.metric import Metric, secant_modulus
+from tsg_micro.data.dataset import Dataset
+from tsg_micro.data.errors import InputError
+
+__all__ = ["estimate_tangents"]
+
+Array = NDArray[np.float64]
+
+_SPANNED = 0.02  # of the largest variance
+_ROUND_OFF = 1e-12  # of the strain
+_FLOOR = 1e-2  # smallest eigenvalue of D_tt, relative to the largest
+
+
+def estimate_tangents(dataset: Dataset, *, neighbours: int = 16, metric: Metric | None = None) -> Dataset:
+    """``dataset`` with tangents (N, 6, 6) in Pa estimated from the data; any that it had are not used.
+
+    Args:
+        dataset: more than ``neighbours`` data.
+        neighbours: how many each tangent is made from; noise wants more of them, curvature fewer.
+        metric: of the distance between data; its C is the stiffness of strain directions that the neighbours do not
+            span. The secant modulus of the data if None, which takes the mean of what they do span.
+
+    Raises:
+        InputError: a number is out of range, or all neighbours of a datum have the same strain.
+    """
+    if not 3 <= neighbours < len(dataset):
+        raise InputError(f"neighbours: expected 3 to {len(dataset) - 1}, less than there are data, got {neighbours}")
+    metric = metric or secant_modulus(dataset)
+    whitened = np.sqrt(2.0) * metric.whiten(dataset.strain, dataset.stress)
+    distance, index = cKDTree(whitened).query(whitened, k=neighbours + 1)
+    weight = (1.0 - (distance / np.maximum(distance[:, -1:], 1e-300)) ** 2) ** 2
+    weight[(weight > 0).sum(axis=1) < 3] = 1.0  # all equally far
+    weight /= weight.sum(axis=1, keepdims=True)
+    local = whitened[index]
+    local -= np.einsum("nk,nki->ni", weight, local)[:, None]
+    E, S = local[..., :6], local[..., 6:]
+    variance, directions = np.linalg.eigh(np.einsum("nk,nki,nkj->nij", weight, E, E))
+    same = variance[:, -1] <= _ROUND_OFF**2 * (whitened[:, :6] ** 2).sum(axis=1).max()
+    if same.any():
+        first = np.flatnonzero(same)[0]
+        raise InputError(f"data set: expected different strains, got the same in all neighbours of datum {first}")
+    moment = np.einsum("nk,nki,nkj->nij", weight, E @ directions, S @ directions)
+    tangent = np.empty_like(moment)
+    spanned = (variance > _SPANNED * variance[:, -1:]).sum(axis=1)
+    for d in np.unique(spanned):
+        here = spanned == d
+        tangent[here] = _tangent(variance[here][:, -d:], moment[here])
+    axes = metric.factor @ directions
+    return replace(dataset, tangent=axes @ tangent @ axes.swapaxes(1, 2))
+
+
+def _tangent(variance: Array, moment: Array) -> Array:
+    """Whitened tangents (n, 6, 6) in the principal directions, the last d of them spanned with ``variance`` (n, d)."""
+    d = variance.shape[1]
+    M = moment[:, -d:, -d:]
+    tt = (M + M.swapaxes(1, 2)) / (variance[:, :, None] + variance[:, None, :])  # min |E D - S| over symmetric D
+    values, vectors = np.linalg.eigh(tt)
+    values = np.maximum(values, _FLOOR * np.abs(values).max(axis=1, keepdims=True))
+    tt = (vectors * values[:, None, :]) @ vectors.swapaxes(1, 2)
+    tn = moment[:, -d:, :-d] / variance[:, :, None]
+    D = np.empty_like(moment)
+    D[:, -d:, -d:], D[:, -d:, :-d], D[:, :-d, -d:] = tt, tn, tn.swapaxes(1, 2)
+    D[:, :-d, :-d] = tn.swapaxes(1, 2) @ np.linalg.solve(tt, tn) + np.eye(6 - d)
+    return D

@@ -1,0 +1,69 @@
+"""Nearest datum of every material point: a k-d tree over the whitened data, and queries that need no search."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from dd_macro.material.metric import Metric
+from tsg_micro.data.dataset import Dataset
+from tsg_micro.data.errors import InputError
+
+__all__ = ["MaterialSearch"]
+
+Array = NDArray[np.float64]
+
+
+class MaterialSearch:
+    """Search tree over the data, in the whitened space of the metric.
+
+    The last search of every point is kept: a point that has since moved by less than half the gap between its
+    nearest and its second nearest datum still has the same nearest datum (triangle inequality), so it is not
+    searched for. ``queries`` counts the points asked for, ``skips`` those that needed no search.
+
+    Args:
+        dataset: strain (N, 6) and stress (N, 6) in Pa; of equal data the first one stands for all.
+        metric: the metric of the distance.
+        workers: threads of one search; -1 takes all.
+    """
+
+    def __init__(self, dataset: Dataset, metric: Metric, *, workers: int = 1) -> None:
+        self.dataset, self.metric, self.workers = dataset, metric, workers
+        whitened = metric.whiten(dataset.strain, dataset.stress)
+        _, first = np.unique(whitened, axis=0, return_index=True)
+        self._first = np.sort(first)
+        self._data = whitened[self._first]
+        self._tree = cKDTree(self._data)
+        self.queries = self.skips = 0
+        self.forget()
+
+    def forget(self) -> None:
+        """Drop what is remembered of earlier searches."""
+        self._where = np.empty((0, 12))
+        self._nearest = np.empty(0, dtype=np.int64)
+        self._margin = np.empty(0)
+
+    def nearest(self, z: Array) -> tuple[NDArray[np.int64], Array]:
+        """Index into the data set of the nearest datum, and the local distance to it, of whitened points z (n, 12).
+
+        Raises:
+            InputError: z is of another shape or not finite.
+        """
+        if z.ndim != 2 or z.shape[1] != 12 or not np.isfinite(z).all():
+            raise InputError(f"points to search for: expected finite numbers (n, 12), got shape {z.shape} or NaN")
+        if len(z) != len(self._where):
+            self._where = np.full((len(z), 12), np.nan)
+            self._nearest = np.zeros(len(z), dtype=np.int64)
+            self._margin = np.zeros(len(z))
+        moved = np.linalg.norm(z - self._where, axis=1)
+        search = ~(moved < self._margin)  # true for the NaN of a point never searched
+        self.queries += len(z)
+        self.skips += int((~search).sum())
+        if search.any():
+            distance, index = self._tree.query(z[search], k=2, workers=self.workers)
+            self._where[search] = z[search]
+            self._nearest[search] = index[:, 0]
+            # a hair less than half, so that round-off cannot turn a tie
+            self._margin[search] = 0.5 * (1 - 1e-9) * (distance[:, 1] - distance[:, 0])
+        return self._first[self._nearest], np.linalg.norm(z - self._data[self._nearest], axis=1)

@@ -1,0 +1,177 @@
+"""The data-driven problem in finite strain, in (F, P): equilibrium of P and compatibility of F stay linear.
+
+Data are pairs of stretch U_i and Biot stress T_i (dd_macro.scene.kinematics). A point with the rotation R of its
+F = R U stands at (R U_i, R P_i), so data are looked up in U and turned back with R:
+    (sum w B^T C B) u   = sum w B^T C sym(R U_i - I),     u as prescribed
+    (sum w B^T C B) eta = f - sum w B^T R P_i,            eta = 0 where u is prescribed
+    F = I + grad u,   P = R P_i + C sym(grad eta)
+The matrix is that of small strain, factorised once. R is the rotation of the result: a few more solves for u find it,
+since a wrong R changes sym(R U_i) by its product with the strain alone. The metric is not turned with the body, so
+rotations should stay well below a radian; the second-order solve has no such limit.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from dd_macro.material.metric import Metric
+from dd_macro.methods.points import DataDrivenResult
+from dd_macro.methods.projection import MechanicalState, Projection
+from dd_macro.scene.boundary import Displacement, Traction
+from dd_macro.scene.kinematics import FiniteStrain, Kinematics, second_piola
+from dd_macro.scene.spaces import GradientOperator, StrainOperator
+from tsg_micro.data.dataset import Dataset, convert_dataset
+from tsg_micro.data.errors import ConvergenceError, InputError
+from tsg_micro.data.mandel import from_mandel, to_mandel
+from tsg_micro.data.stress import convert_stress
+
+__all__ = ["FiniteProjection", "FiniteState", "biot_dataset", "in_space", "make_projection", "state_on"]
+
+Array = NDArray[np.float64]
+_TURNS, _SETTLED = 100, 1e-9
+
+
+@dataclass(frozen=True)
+class FiniteState(MechanicalState):
+    """``strain`` is the Biot strain, ``stress`` the Biot stress; F and first Piola stress P in Pa are (n, 3, 3)."""
+
+    F: Array
+    first_piola: Array
+
+
+class FiniteProjection(Projection):
+    """The projection of one scene in finite strain; ``operator`` is a dd_macro.GradientOperator."""
+
+    _rotation: Array | None = None
+
+    def project(self, strain: Array, stress: Array) -> FiniteState:
+        """State in equilibrium closest to data of Biot strain (n, 6) and Biot stress (n, 6) in Pa, turned as it is.
+
+        Raises:
+            ConvergenceError: the linear solver fails, the rotations do not settle, or a point is inside out.
+        """
+        op, C = self.operator, self._modulus
+        U = np.eye(3) + from_mandel(strain)
+        R = np.broadcast_to(np.eye(3), U.shape) if self._rotation is None else self._rotation
+        for _ in range(_TURNS):
+            gap = (R @ U - np.eye(3)).reshape(-1, 9) - self._prescribed_strain
+            u = self.prescribed + self._linear.solve(op.force(gap @ C))
+            found = self._kinematics(op.strain(u))
+            turned = op.comm.allreduce(float(np.abs(found.R - R).max(initial=0.0)), MPI.MAX)
+            R = found.R
+            if turned <= _SETTLED:
+                break
+        else:
+            raise ConvergenceError(
+                f"finite strain: expected rotations to settle within {_TURNS} solves, the last turned by {turned:.3g}"
+            )
+        self._rotation = R
+        data = (R @ U @ second_piola(U, stress)).reshape(-1, 9)
+        eta = self._linear.solve(self.loads - op.force(data))
+        return _state(u, eta, found, data + op.strain(eta) @ C)
+
+    def elastic(self) -> FiniteState:
+        """Solution of linear elasticity, and T = C (U - I) where it leads; the start of the iteration.
+
+        Raises:
+            ConvergenceError: the linear solver fails, or a point is inside out.
+        """
+        u = super().elastic().u
+        found = self._kinematics(self.operator.strain(u))
+        self._rotation = found.R
+        return _state(u, np.zeros_like(u), found, found.nominal_stress(found.strain @ self.metric.C))
+
+    def nominal_stress(self, z: MechanicalState) -> Array:
+        """First Piola stress (n, 9) in Pa."""
+        assert isinstance(z, FiniteState)
+        return z.first_piola.reshape(-1, 9)
+
+    def _kinematics(self, gradient: Array) -> FiniteStrain:
+        found = FiniteStrain(gradient)
+        if self.operator.comm.allreduce(found.inside_out, MPI.LOR):
+            raise ConvergenceError("finite strain: expected det F > 0 at every quadrature point, got less")
+        return found
+
+
+def make_projection(
+    operator: StrainOperator,
+    metric: Metric,
+    conditions: Sequence[Displacement],
+    tractions: Sequence[Traction] = (),
+) -> Projection:
+    """The projection of a scene, in finite strain if ``operator`` is that of gradients.
+
+    Raises:
+        InputError: bad conditions or tractions.
+        ConvergenceError: the factorisation fails.
+    """
+    kind = FiniteProjection if isinstance(operator, GradientOperator) else Projection
+    return kind(operator, metric, conditions, tractions)
+
+
+def _state(u: Array, eta: Array, found: FiniteStrain, nominal: Array) -> FiniteState:
+    P = nominal.reshape(-1, 3, 3)
+    return FiniteState(u, eta, found.strain, found.material_stress(nominal), found.F, P)
+
+
+def state_on(u: Array, found: Kinematics, stress: Array) -> MechanicalState:
+    """The state of nodal u (3 * nodes,) with the material's stress (n, 6) in Pa; eta is zero."""
+    if isinstance(found, FiniteStrain):
+        return _state(u, np.zeros_like(u), found, found.nominal_stress(stress))
+    return MechanicalState(u, np.zeros_like(u), found.strain, stress)
+
+
+def in_space(result: DataDrivenResult, measure: str = "first_piola") -> DataDrivenResult:
+    """``result`` with strain sym(F - I) and the stress ``measure``, both states turned to where the body is.
+
+    A result in small strain stays as it is.
+    """
+    z = result.mechanical
+    if not isinstance(z, FiniteState):
+        return result
+    R = FiniteStrain((z.F - np.eye(3)).reshape(-1, 9)).R
+    U = np.eye(3) + from_mandel(result.material_strain)
+    F = R @ U
+    P = F @ second_piola(U, result.material_stress)
+    shown = MechanicalState(
+        z.u, z.eta, to_mandel(z.F - np.eye(3)), convert_stress(to_mandel(z.first_piola), z.F, "first_piola", measure)
+    )
+    return dataclasses.replace(
+        result,
+        mechanical=shown,
+        material_strain=to_mandel(F - np.eye(3)),
+        material_stress=convert_stress(to_mandel(P), F, "first_piola", measure),
+    )
+
+
+def biot_dataset(dataset: Dataset) -> Dataset:
+    """The data as pairs of Biot strain and Biot stress; for a symmetric F these are strain and first Piola stress.
+
+    Raises:
+        InputError: the deformation gradients are missing and needed.
+    """
+    F = dataset.deformation_gradient
+    if F is None and dataset.stress_measure != "first_piola":
+        raise InputError(
+            "data set: expected deformation gradients, or the first Piola stress of symmetric ones, in finite strain, "
+            f"got the {dataset.stress_measure} stress alone"
+        )
+    if F is None or np.allclose(F, F.swapaxes(1, 2), rtol=0, atol=1e-12):
+        return convert_dataset(dataset, "first_piola")
+    found = FiniteStrain((F - np.eye(3)).reshape(-1, 9))
+    tau = from_mandel(convert_dataset(dataset, "kirchhoff").stress)
+    biot = found.material_stress((tau @ np.linalg.inv(F).swapaxes(1, 2)).reshape(-1, 9))
+    return dataclasses.replace(
+        dataset,
+        strain=found.strain,
+        stress=biot,
+        stress_measure="first_piola",
+        tangent=None,
+        deformation_gradient=found.U,
+    )

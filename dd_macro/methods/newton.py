@@ -1,0 +1,275 @@
+"""Newton's method on the macroscale with a constitutive law at every quadrature point: the reference model.
+
+    sum w B^T sigma(B u) = f,      u as prescribed
+    (sum w B^T T B) du   = f - sum w B^T sigma,      T = d sigma / d epsilon at every quadrature point
+A load step starts with the linear answer to the change of load; what is left is solved at fixed load. A step that
+does not lower the out-of-balance force is halved, a load step that does not converge is halved too.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from dd_macro.material.laws import Law
+from dd_macro.methods.finite_projection import state_on
+from dd_macro.methods.projection import MechanicalState
+from dd_macro.parallel import one_thread, total
+from dd_macro.scene.boundary import Displacement, Traction, nodal_forces, prescribed_displacement, support_force
+from dd_macro.scene.kinematics import Kinematics
+from dd_macro.scene.linear import LinearSolver
+from dd_macro.scene.spaces import StrainOperator, TangentMatrix
+from tsg_micro.data.errors import ConvergenceError, InputError
+
+__all__ = ["NewtonIteration", "ReferenceOptions", "ReferenceResult", "solve_law"]
+
+Array = NDArray[np.float64]
+_log = logging.getLogger(__name__)
+
+_LEAST_FORCE = 1e-2  # of the largest stresses so far, as forces: what the residual relates to where nothing reacts
+
+
+@dataclass(frozen=True)
+class ReferenceOptions:
+    """How Newton's method runs.
+
+    ``tolerance`` is the out-of-balance force on the free components over that of supports and loads, below which a
+    load step has converged; ``max_iterations`` bounds the iterations of a load step, ``max_halvings`` those of a
+    Newton step, and ``max_cuts`` the number of times that the load step is halved.
+
+    Raises:
+        InputError: on construction, where a value is out of range.
+    """
+
+    tolerance: float = 1e-9
+    max_iterations: int = 25
+    max_halvings: int = 8
+    max_cuts: int = 6
+
+    def __post_init__(self) -> None:
+        if not 0 < self.tolerance < 1:
+            raise InputError(f"tolerance: expected a number between 0 and 1, got {self.tolerance}")
+        for name, least in (("max_iterations", 1), ("max_halvings", 0), ("max_cuts", 0)):
+            if getattr(self, name) < least:
+                raise InputError(f"{name}: expected at least {least}, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True)
+class NewtonIteration:
+    """One linear solve: the fraction of the load, how much of the step was taken, and where that led.
+
+    ``residual`` is relative (ReferenceOptions.tolerance); ``negative_pivots`` are those of the tangent that was solved
+    with, None where the linear solver does not count them.
+    """
+
+    load: float
+    step: float
+    residual: float
+    negative_pivots: int | None
+
+
+@dataclass(frozen=True)
+class ReferenceResult:
+    """The state in equilibrium; arrays hold what this rank owns, numbers are of the whole body.
+
+    ``mechanical`` has u, strain and stress (its eta is zero), ``tangent`` (n, 6, 6) in Pa is the law's there, and
+    ``reactions`` the force (3,) in N on the body by side with a prescribed displacement. ``iterations`` counts the
+    linear solves, ``load_steps`` the load steps that converged.
+    """
+
+    mechanical: MechanicalState
+    tangent: Array
+    reactions: dict[str, Array]
+    residual: float
+    iterations: int
+    load_steps: int
+    solver: str
+    history: tuple[NewtonIteration, ...]
+
+
+@dataclass(frozen=True)
+class _State:
+    """A trial: u, what the law gives, the out-of-balance force, its norm on free components in N, and relative."""
+
+    load: float
+    u: Array
+    found: Kinematics
+    stress: Array
+    tangent: Array
+    out_of_balance: Array
+    norm: float
+    residual: float
+
+
+@one_thread
+def solve_law(
+    operator: StrainOperator,
+    law: Law,
+    conditions: Sequence[Displacement],
+    tractions: Sequence[Traction] = (),
+    *,
+    steps: int = 1,
+    options: ReferenceOptions | None = None,
+    progress: Callable[[NewtonIteration], None] | None = None,
+) -> ReferenceResult:
+    """Equilibrium of the body whose material is ``law``, the load applied in ``steps`` equal parts.
+
+    The law is called on every rank with the strains of that rank's quadrature points, always in the same order; it
+    may raise ConvergenceError, on one rank alone too. The linear solver is dd_macro.scene.linear.LinearSolver, its
+    PETSc options have the prefix ``ref_``. ``progress`` is called on every rank after each linear solve.
+
+    Raises:
+        InputError: bad conditions, tractions or number of steps.
+        ConvergenceError: a load step did not converge although it was halved ``max_cuts`` times; it has the history.
+    """
+    if steps < 1:
+        raise InputError(f"steps: expected at least 1, got {steps}")
+    scene = _Scene(operator, law, conditions, tractions, options or ReferenceOptions())
+    scene.progress = progress
+    load, size, load_steps, cuts = 0.0, 1.0 / steps, 0, 0
+    try:
+        state = scene.evaluate(np.zeros(operator.owned_dofs), load)
+        while load < 1.0 - 1e-12:
+            goal = min(load + size, 1.0)
+            try:
+                state = scene.advance(state, goal)
+            except ConvergenceError:
+                cuts, size = cuts + 1, 0.5 * size
+                if cuts > scene.options.max_cuts:
+                    raise
+                _log.info("load step to %.4g: cut", goal)
+                continue
+            load, load_steps = goal, load_steps + 1
+    except ConvergenceError as error:
+        raise ConvergenceError(f"Newton's method, from load {load:.4g}: {error}", scene.history) from None
+    return ReferenceResult(
+        mechanical=state_on(state.u, state.found, state.stress),
+        tangent=state.tangent,
+        reactions={c.side: support_force(operator, c.side, state.out_of_balance) for c in conditions},
+        residual=state.residual,
+        iterations=len(scene.history),
+        load_steps=load_steps,
+        solver=scene.linear.name,
+        history=tuple(scene.history),
+    )
+
+
+class _Scene:
+    """What stays during the iteration: conditions, the matrix and its solver, the history."""
+
+    def __init__(
+        self,
+        operator: StrainOperator,
+        law: Law,
+        conditions: Sequence[Displacement],
+        tractions: Sequence[Traction],
+        options: ReferenceOptions,
+    ) -> None:
+        self.operator, self.law, self.options = operator, law, options
+        self.fixed, self.prescribed = prescribed_displacement(operator, conditions)
+        self.loads = nodal_forces(operator, tractions)
+        self.matrix = TangentMatrix(operator)
+        self._linear: LinearSolver | None = None
+        self._gross = 0.0
+        self.history: list[NewtonIteration] = []
+        self.progress: Callable[[NewtonIteration], None] | None = None
+
+    @property
+    def linear(self) -> LinearSolver:
+        """The solver, which is there from the first tangent on."""
+        assert self._linear is not None
+        return self._linear
+
+    def advance(self, state: _State, load: float) -> _State:
+        """Equilibrium at ``load``, from ``state`` in equilibrium (or at rest).
+
+        Raises:
+            ConvergenceError: it was not found.
+        """
+        tangent = self._factorise(state)
+        jump = (load - state.load) * self.prescribed
+        change = np.einsum("nij,nj->ni", tangent, self.operator.strain(jump))
+        predicted = state.found.nominal_stress(state.stress) + change
+        step = jump + self.linear.solve(load * self.loads - self.operator.force(predicted))
+        state = self._record(self.evaluate(state.u + step, load), 1.0)
+        for _ in range(self.options.max_iterations):
+            if state.residual <= self.options.tolerance:
+                return state
+            self._factorise(state)
+            state = self._search(state, self.linear.solve(-state.out_of_balance))
+        if state.residual <= self.options.tolerance:
+            return state
+        raise ConvergenceError(
+            f"expected a residual of {self.options.tolerance:.3g} at load {load:.4g} within "
+            f"{self.options.max_iterations} iterations, got {state.residual:.3g}"
+        )
+
+    def evaluate(self, u: Array, load: float) -> _State:
+        """The state of displacement u (3 * nodes,) at ``load``.
+
+        Raises:
+            ConvergenceError: on all ranks, where the law fails on some or gives no finite numbers.
+        """
+        op = self.operator
+        found = op.local(op.strain(u))
+        points = len(op.weights)
+        stress, tangent, message = np.zeros((points, 6)), np.zeros((points, 6, 6)), None
+        try:
+            if found.inside_out:
+                raise ConvergenceError("expected det F > 0, got less")
+            stress, tangent = self.law.stress_and_tangent(found.strain)
+            if not (np.isfinite(stress).all() and np.isfinite(tangent).all()):
+                message = "it gives numbers that are not finite"
+        except Exception as error:  # whatever it is, the other ranks wait for word of it
+            message = str(error) if isinstance(error, ConvergenceError) else f"{type(error).__name__}: {error}"
+        first = op.comm.allreduce(op.comm.size if message is None else op.comm.rank, op=MPI.MIN)
+        if first < op.comm.size:
+            raise ConvergenceError(f"the law fails at load {load:.4g}: {op.comm.bcast(message, root=first)}")
+        loads = load * self.loads
+        nominal = found.nominal_stress(stress)
+        out = op.force(nominal) - loads
+        free, held = np.where(self.fixed, 0.0, out), np.where(self.fixed, out, 0.0)
+        at_points = op.weights ** (2 / 3) * np.linalg.norm(nominal, axis=1)
+        squares = total(op.comm, [free @ free, held @ held + loads @ loads, at_points @ at_points])
+        norm, reacting, gross = (float(value) for value in np.sqrt(squares))
+        self._gross = max(self._gross, gross)
+        scale = max(reacting, _LEAST_FORCE * self._gross)
+        return _State(load, u, found, stress, tangent, out, norm, norm / scale if norm != 0 else 0.0)
+
+    def _search(self, state: _State, direction: Array) -> _State:
+        """The first of the steps 1, 1/2, 1/4, ... along ``direction`` that lowers the out-of-balance force."""
+        for halvings in range(self.options.max_halvings + 1):
+            step = 0.5**halvings
+            try:
+                trial = self.evaluate(state.u + step * direction, state.load)
+            except ConvergenceError:
+                if halvings == self.options.max_halvings:
+                    raise
+                continue
+            if trial.norm <= (1.0 - 1e-4 * step) * state.norm:
+                return self._record(trial, step)
+        raise ConvergenceError(
+            f"no part of the Newton step lowers the residual {state.residual:.3g} at load {state.load:.4g}"
+        )
+
+    def _record(self, state: _State, step: float) -> _State:
+        self.history.append(NewtonIteration(state.load, step, state.residual, self.linear.negative_pivots))
+        _log.info("load %.4g, step %.4g: residual %.3e", state.load, step, state.residual)
+        if self.progress:
+            self.progress(self.history[-1])
+        return state
+
+    def _factorise(self, state: _State) -> Array:
+        """Take the tangent at ``state``, and return its moduli (n, 6, 6) or (n, 9, 9) in Pa."""
+        moduli = state.found.nominal_tangent(state.stress, state.tangent)
+        K = self.matrix.assemble(moduli)
+        if self._linear is None:
+            self._linear = LinearSolver(self.operator, K, self.fixed, prefix="ref_", definite=False)
+        else:
+            self._linear.update()
+        return moduli

@@ -1,0 +1,222 @@
+"""The data-driven solve: fixed-point iteration between the data set and the constraint set (paper, Section 4.1).
+
+Queries are over-relaxed: the nearest datum is looked up of y + omega (z - y), with y the material and z the
+mechanical state. With omega > 1 the iteration leaves its start behind, but may cycle; so the best state found that
+way is finished with omega = 1, for which the distance can only fall and the iteration ends by itself.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dd_macro.material.search import MaterialSearch
+from dd_macro.methods.projection import MechanicalState, Projection
+from dd_macro.parallel import one_thread, total
+from tsg_micro.data.errors import ConvergenceError, InputError
+
+__all__ = ["DataDrivenResult", "Iteration", "SolverOptions", "solve"]
+
+Array = NDArray[np.float64]
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """How the fixed-point iteration runs.
+
+    ``max_iterations`` bounds all iterations, ``tolerance`` is the relative change of the distance below which a
+    step with omega = 1 has converged, ``over_relaxation`` is omega of the first phase (1 leaves that phase out), and
+    ``patience`` the number of its iterations without a better distance that end it.
+
+    Raises:
+        InputError: on construction, where a value is out of range.
+    """
+
+    max_iterations: int = 300
+    tolerance: float = 1e-8
+    over_relaxation: float = 1.7
+    patience: int = 8
+
+    def __post_init__(self) -> None:
+        for name, good, expected in (
+            ("max_iterations", self.max_iterations >= 1, "at least 1"),
+            ("tolerance", 0 <= self.tolerance < 1, "a number in [0, 1)"),
+            ("over_relaxation", 1 <= self.over_relaxation < 2, "a number in [1, 2)"),
+            ("patience", self.patience >= 1, "at least 1"),
+        ):
+            if not good:
+                raise InputError(f"{name}: expected {expected}, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """One iteration: omega, the distance |y - z| in sqrt(J), points whose datum changed, and seconds on this rank."""
+
+    omega: float
+    distance: float
+    changed: int
+    seconds_search: float
+    seconds_solve: float
+
+
+@dataclass(frozen=True)
+class DataDrivenResult:
+    """Mechanical and material state; arrays hold what this rank owns, numbers are of the whole body.
+
+    ``mechanical`` has u, eta, strain and stress; ``material_strain`` (n, 6), ``material_stress`` (n, 6) in Pa and
+    ``index`` (n,) are the data, ``local_distance`` (n,) in sqrt(J/m^3). ``distance`` = |y - z| in sqrt(J),
+    ``normalised_distance`` = |y - z| / |z| (paper, Section 4.2). ``outside_data`` is the fraction of quadrature points
+    whose mechanical strain leaves the range of the data in some component that is not silent, by more than a tenth of
+    the widest range.
+    """
+
+    mechanical: MechanicalState
+    material_strain: Array
+    material_stress: Array
+    index: NDArray[np.int64]
+    local_distance: Array
+    distance: float
+    normalised_distance: float
+    outside_data: float
+    iterations: int
+    converged: bool
+    reason: str
+    history: tuple[Iteration, ...]
+
+
+@one_thread
+def solve(
+    projection: Projection,
+    search: MaterialSearch,
+    *,
+    start: MechanicalState | None = None,
+    options: SolverOptions | None = None,
+    progress: Callable[[int, Iteration], None] | None = None,
+) -> DataDrivenResult:
+    """Data-driven solution of the scene of ``projection`` with the data of ``search``.
+
+    Args:
+        start: mechanical state whose nearest data start the iteration; the elastic solution with C if None.
+        options: SolverOptions, default values if None.
+        progress: called on every rank with the iteration's number and record.
+
+    Raises:
+        InputError: projection and search have different metrics.
+        ConvergenceError: ``max_iterations`` were not enough, or the linear solver failed; it has the history.
+    """
+    options = options or SolverOptions()
+    if not np.array_equal(projection.metric.C, search.metric.C):
+        raise InputError("metric: expected the same C in the projection and in the search, got two different ones")
+    history: list[Iteration] = []
+    try:
+        return _iterate(projection, search, start or projection.elastic(), options, history, progress)
+    except ConvergenceError as error:
+        raise ConvergenceError(str(error), history) from None
+
+
+def _iterate(
+    projection: Projection,
+    search: MaterialSearch,
+    z: MechanicalState,
+    options: SolverOptions,
+    history: list[Iteration],
+    progress: Callable[[int, Iteration], None] | None,
+) -> DataDrivenResult:
+    comm, w = projection.operator.comm, projection.operator.weights
+    data = search.dataset
+    metric = search.metric
+    key = _point_keys(projection)
+    index, _ = search.nearest(metric.whiten(z.strain, z.stress))
+    omega = options.over_relaxation
+    best_distance, best_index, since_best = np.inf, index, 0
+    seen: set[int] = set()
+    previous = np.inf
+    while len(history) < options.max_iterations:
+        clock = time.perf_counter()
+        z = projection.project(data.strain[index], data.stress[index])
+        solved = time.perf_counter()
+        y_white = metric.whiten(data.strain[index], data.stress[index])
+        z_white = metric.whiten(z.strain, z.stress)
+        local = np.linalg.norm(z_white - y_white, axis=1)
+        new, _ = search.nearest(y_white + omega * (z_white - y_white))
+        sums = total(comm, [w @ local**2, (new != index).sum()])
+        distance, changed = float(np.sqrt(sums[0])), int(sums[1])
+        history.append(Iteration(omega, distance, changed, time.perf_counter() - solved, solved - clock))
+        _log.info("iteration %d: distance %.6e, %d changed", len(history), distance, changed)
+        if progress is not None:
+            progress(len(history), history[-1])
+
+        if omega > 1:
+            if distance < best_distance * (1 - 1e-12):
+                best_distance, best_index, since_best = distance, index, 0
+            else:
+                since_best += 1
+            state = comm.allreduce(int(np.sum(key * (new.astype(np.uint64) + np.uint64(1)))) % 2**61) % 2**61
+            if changed == 0 or since_best >= options.patience or state in seen:
+                omega, index, previous = 1.0, best_index, np.inf  # finish from the best state found
+            else:
+                seen.add(state)
+                index = new
+            continue
+
+        if changed == 0:
+            reason = "no datum changed"
+        elif previous - distance <= options.tolerance * distance:
+            reason = "distance settled"
+        else:
+            previous, index = distance, new
+            continue
+        return _result(projection, search, z, index, local, reason, history)
+    raise ConvergenceError(
+        f"data-driven iteration: expected convergence within {options.max_iterations} iterations; "
+        f"{history[-1].changed} data still changed in the last one, distance {history[-1].distance:.4g} sqrt(J)"
+    )
+
+
+def _result(
+    projection: Projection,
+    search: MaterialSearch,
+    z: MechanicalState,
+    index: NDArray[np.int64],
+    local: Array,
+    reason: str,
+    history: list[Iteration],
+) -> DataDrivenResult:
+    comm, w = projection.operator.comm, projection.operator.weights
+    data = search.dataset
+    low, high = data.strain.min(axis=0), data.strain.max(axis=0)
+    margin = 0.1 * (high - low).max()
+    outside = ((z.strain < low - margin) | (z.strain > high + margin))[:, data.counted].any(axis=1)
+    size = (search.metric.whiten(z.strain, z.stress) ** 2).sum(axis=1)
+    sums = total(comm, [w @ local**2, w @ size, outside.sum(), len(w)])
+    normalised = float(np.sqrt(sums[0] / sums[1])) if sums[1] > 0 else float(sums[0] > 0)
+    return DataDrivenResult(
+        mechanical=z,
+        material_strain=data.strain[index],
+        material_stress=data.stress[index],
+        index=index,
+        local_distance=local,
+        distance=float(np.sqrt(sums[0])),
+        normalised_distance=normalised,
+        outside_data=float(sums[2] / sums[3]),
+        iterations=len(history),
+        converged=True,
+        reason=reason,
+        history=tuple(history),
+    )
+
+
+def _point_keys(projection: Projection) -> NDArray[np.uint64]:
+    """A pseudo-random odd number per quadrature point, the same on any number of ranks; it tells states apart."""
+    domain, nq = projection.operator.domain, projection.operator.points_per_cell
+    cells = domain.mesh.topology.original_cell_index[: domain.owned_cells].astype(np.uint64)
+    x = (cells[:, None] * np.uint64(nq) + np.arange(nq, dtype=np.uint64)).reshape(-1) + np.uint64(1)
+    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):  # splitmix64
+        x = (x ^ (x >> np.uint64(shift))) * np.uint64(factor)
+    return (x ^ (x >> np.uint64(31))) | np.uint64(1)

@@ -1,0 +1,134 @@
+"""Closest-point projection onto the states that are compatible and in equilibrium (paper, Section 4.1).
+
+    (sum w B^T C B) u   = sum w B^T C epsilon*,        u as prescribed
+    (sum w B^T C B) eta = f - sum w B^T sigma*,        eta = 0 where u is prescribed
+    epsilon = B u,   sigma = sigma* + C B eta
+One matrix, factorised once, serves both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dd_macro.material.metric import Metric
+from dd_macro.parallel import total
+from dd_macro.scene.boundary import Displacement, Traction, nodal_forces, prescribed_displacement, support_force
+from dd_macro.scene.linear import LinearSolver
+from dd_macro.scene.spaces import StrainOperator, stiffness_matrix
+
+__all__ = ["MechanicalState", "Projection", "relative_distance"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MechanicalState:
+    """A state that is compatible and in equilibrium; the part this rank owns.
+
+    u (3 * nodes,) in m; eta (3 * nodes,) in m, the multiplier of equilibrium; strain (n, 6) and stress (n, 6) in Pa
+    at the quadrature points, Mandel.
+    """
+
+    u: Array
+    eta: Array
+    strain: Array
+    stress: Array
+
+
+class Projection:
+    """The assembled and factorised projection of one scene.
+
+    The linear solver is that of :class:`dd_macro.scene.linear.LinearSolver`, its PETSc options have the prefix ``dd_``;
+    ``solver`` says what is used.
+
+    Args:
+        operator: mesh, space and strain operator.
+        metric: the C of the metric.
+        conditions: prescribed displacements; they must leave no rigid-body motion free.
+        tractions: dead tractions; f of the equations.
+
+    Raises:
+        InputError: bad conditions or tractions.
+        ConvergenceError: the factorisation fails.
+    """
+
+    def __init__(
+        self,
+        operator: StrainOperator,
+        metric: Metric,
+        conditions: Sequence[Displacement],
+        tractions: Sequence[Traction] = (),
+    ) -> None:
+        self.operator, self.metric = operator, metric
+        self.fixed, self.prescribed = prescribed_displacement(operator, conditions)
+        self.loads = nodal_forces(operator, tractions)
+        self._prescribed_strain = operator.strain(self.prescribed)
+        self._modulus = operator.modulus(metric.C)
+        self._linear = LinearSolver(operator, stiffness_matrix(operator, metric.C), self.fixed, prefix="dd_")
+        self.solver = self._linear.name
+
+    def project(self, strain: Array, stress: Array) -> MechanicalState:
+        """Mechanical state closest to the material state strain (n, 6), stress (n, 6) in Pa.
+
+        Raises:
+            ConvergenceError: the linear solver fails.
+        """
+        op, C = self.operator, self.metric.C
+        u = self.prescribed + self._linear.solve(op.force((strain - self._prescribed_strain) @ C))
+        eta = self._linear.solve(self.loads - op.force(stress))
+        return MechanicalState(u, eta, op.strain(u), stress + op.strain(eta) @ C)
+
+    def elastic(self) -> MechanicalState:
+        """Solution of linear elasticity, sigma = C epsilon; the start of the iteration.
+
+        Raises:
+            ConvergenceError: the linear solver fails.
+        """
+        op, C = self.operator, self._modulus
+        u = self.prescribed + self._linear.solve(self.loads - op.force(self._prescribed_strain @ C))
+        strain = op.strain(u)
+        return MechanicalState(u, np.zeros_like(u), strain, strain @ C)
+
+    def residual(self, stress: Array) -> float:
+        """Norm of the out-of-balance force on the free components, relative to that of all nodal forces."""
+        force = self.operator.force(stress)
+        out = np.where(self.fixed, 0.0, force - self.loads)
+        squares = total(self.operator.comm, [out @ out, force @ force + self.loads @ self.loads])
+        return float(np.sqrt(squares[0] / squares[1])) if squares[1] != 0 else 0.0
+
+    def reaction(self, z: MechanicalState, side: str) -> Array:
+        """Force (3,) in N that the supports of ``side`` exert on the body.
+
+        Raises:
+            InputError: no such side.
+        """
+        return support_force(self.operator, side, self.operator.force(self.nominal_stress(z)) - self.loads)
+
+    def nominal_stress(self, z: MechanicalState) -> Array:
+        """The stress (n, 6) in Pa of the equations."""
+        return z.stress
+
+
+class State(Protocol):
+    """Strain (n, 6) and stress (n, 6) in Pa at the quadrature points."""
+
+    @property
+    def strain(self) -> Array:
+        """Mandel strain."""
+
+    @property
+    def stress(self) -> Array:
+        """Mandel stress, Pa."""
+
+
+def relative_distance(operator: StrainOperator, metric: Metric, a: State, b: State) -> float:
+    """|a - b| / |b| of two states in the metric; collective."""
+    off, size = metric.whiten(a.strain - b.strain, a.stress - b.stress), metric.whiten(b.strain, b.stress)
+    w = operator.weights
+    sums = total(operator.comm, [w @ (off**2).sum(axis=1), w @ (size**2).sum(axis=1)])
+    return float(np.sqrt(sums[0] / sums[1]))

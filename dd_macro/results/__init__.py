@@ -1,0 +1,1 @@
+"""What is done with a solution: write, compare, draw."""

@@ -1,0 +1,171 @@
+"""The solution at every quadrature point, in one HDF5 file whose order does not depend on the number of ranks.
+
+Layout (schema 1). Root attributes: ``format`` = "tsgdd-quadrature", ``schema``, ``stress_measure``,
+``normalised_distance``. Cells in the order of the mesh's input; the points of a cell follow one another. Arrays
+(cells, points per cell, ...) unless said otherwise, each with an attribute ``unit``; vectors of 6 are Mandel:
+
+    corners (cells, 8, 3) m, VTK order        midpoint (cells, 3) m      coordinates (..., 3) m     weight m^3
+    mechanical_strain (..., 6) 1              mechanical_stress (..., 6) Pa    mechanical_p, mechanical_q Pa
+    material_strain (..., 6) 1                material_stress (..., 6) Pa      material_p, material_q Pa
+    local_distance sqrt(J/m^3)                datum: index into the data set, 1
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from dd_macro.methods.finite_projection import in_space
+from dd_macro.methods.points import DataDrivenResult
+from dd_macro.parallel import atomic_path_of_all, in_turn
+from dd_macro.scene.spaces import StrainOperator
+from tsg_micro.data.errors import InputError
+from tsg_micro.data.mandel import pressure, von_mises
+
+__all__ = ["VTK_CORNERS", "QuadratureFields", "read_quadrature", "write_quadrature"]
+
+Array = NDArray[np.float64]
+FORMAT, SCHEMA = "tsgdd-quadrature", 1
+
+VTK_CORNERS = np.array([0, 1, 3, 2, 4, 5, 7, 6])
+"""DOLFINx's tensor-product corners of a hexahedron in the order of VTK."""
+
+_WINDOW = 16_384  # cells read and written at once, which bounds the memory of a rank
+
+UNITS = {
+    "corners": "m",
+    "midpoint": "m",
+    "coordinates": "m",
+    "weight": "m^3",
+    "mechanical_strain": "1",
+    "mechanical_stress": "Pa",
+    "mechanical_p": "Pa",
+    "mechanical_q": "Pa",
+    "material_strain": "1",
+    "material_stress": "Pa",
+    "material_p": "Pa",
+    "material_q": "Pa",
+    "local_distance": "J^(1/2)/m^(3/2)",
+    "datum": "1",
+}
+
+
+@dataclass(frozen=True)
+class QuadratureFields:
+    """What :func:`write_quadrature` wrote, all cells; shapes and units as in the module's docstring."""
+
+    corners: Array
+    midpoint: Array
+    coordinates: Array
+    weight: Array
+    mechanical_strain: Array
+    mechanical_stress: Array
+    mechanical_p: Array
+    mechanical_q: Array
+    material_strain: Array
+    material_stress: Array
+    material_p: Array
+    material_q: Array
+    local_distance: Array
+    datum: NDArray[np.int64]
+    stress_measure: str
+    normalised_distance: float
+
+    def cell_mean(self, values: Array) -> Array:
+        """Volume means (cells, ...) of values (cells, points per cell, ...)."""
+        w = self.weight / self.weight.sum(axis=1, keepdims=True)
+        return np.einsum("cq,cq...->c...", w, values)
+
+
+def write_quadrature(
+    path: str | Path, operator: StrainOperator, result: DataDrivenResult, *, stress_measure: str
+) -> None:
+    """Write ``result`` to the HDF5 file ``path``, whole or not at all; the ranks take turns.
+
+    A result in finite strain is written as dd_macro.in_space shows it, with the stress ``stress_measure``.
+
+    Raises:
+        InputError: the folder cannot be written, or a rank fails to write its part; on all ranks.
+    """
+    fields = _fields(operator, in_space(result, stress_measure))
+    domain = operator.domain
+    rows = np.asarray(domain.mesh.topology.original_cell_index[: domain.owned_cells], dtype=np.int64)
+    order = np.argsort(rows)
+    rows = rows[order]
+    count = domain.global_cells
+
+    def write_part() -> None:
+        with h5py.File(temporary, "a") as file:
+            if "format" not in file.attrs:
+                file.attrs["format"], file.attrs["schema"] = FORMAT, SCHEMA
+                file.attrs["stress_measure"] = stress_measure
+                file.attrs["normalised_distance"] = result.normalised_distance
+                for name, values in fields.items():
+                    file.create_dataset(name, (count, *values.shape[1:]), values.dtype).attrs["unit"] = UNITS[name]
+            for begin in range(0, count, _WINDOW):
+                end = min(begin + _WINDOW, count)
+                first, last = np.searchsorted(rows, [begin, end])
+                if first == last:
+                    continue
+                for name, values in fields.items():
+                    window = file[name][begin:end]
+                    window[rows[first:last] - begin] = values[order[first:last]]
+                    file[name][begin:end] = window
+
+    with atomic_path_of_all(domain.comm, path) as temporary:
+        in_turn(domain.comm, write_part)
+
+
+def read_quadrature(path: str | Path) -> QuadratureFields:
+    """Read what :func:`write_quadrature` wrote.
+
+    Raises:
+        InputError: no such file, not HDF5, or of another format or schema.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"quadrature file {path}: no such file")
+    try:
+        file = h5py.File(path, "r")
+    except OSError:
+        raise InputError(f"quadrature file {path}: expected an HDF5 file, but it cannot be read as one") from None
+    with file:
+        found = (file.attrs.get("format"), file.attrs.get("schema"))
+        if found != (FORMAT, SCHEMA):
+            raise InputError(f"quadrature file {path}: expected {FORMAT}, schema {SCHEMA}, got {found[0]}, {found[1]}")
+        missing = [name for name in UNITS if name not in file]
+        if missing:
+            raise InputError(f"quadrature file {path}: expected the array {missing[0]}, it is missing")
+        return QuadratureFields(
+            **{name: file[name][()] for name in UNITS},
+            stress_measure=str(file.attrs["stress_measure"]),
+            normalised_distance=float(file.attrs["normalised_distance"]),
+        )
+
+
+def _fields(operator: StrainOperator, result: DataDrivenResult) -> dict[str, NDArray[Any]]:
+    """The arrays of the file, this rank's cells in their local order."""
+    z = result.mechanical
+    at_points = {
+        "coordinates": operator.points,
+        "weight": operator.weights,
+        "mechanical_strain": z.strain,
+        "mechanical_stress": z.stress,
+        "mechanical_p": pressure(z.stress),
+        "mechanical_q": von_mises(z.stress),
+        "material_strain": result.material_strain,
+        "material_stress": result.material_stress,
+        "material_p": pressure(result.material_stress),
+        "material_q": von_mises(result.material_stress),
+        "local_distance": result.local_distance,
+        "datum": result.index,
+    }
+    corners = operator.cell_corners[:, VTK_CORNERS]
+    cells, nq = len(corners), operator.points_per_cell
+    shaped = {name: a.reshape(cells, nq, *a.shape[1:]) for name, a in at_points.items()}
+    return {"corners": corners, "midpoint": corners.mean(axis=1), **shaped}

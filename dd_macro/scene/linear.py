@@ -1,0 +1,120 @@
+"""Linear systems K x = b of a scene: x = 0 where the displacement is prescribed, one solver for many right-hand sides.
+
+Small systems are factorised (MUMPS where PETSc has it), large ones solved by CG with GAMG on the rigid-body
+near-nullspace. PETSc options with the solver's prefix override all of it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dd_macro.scene.spaces import StrainOperator
+from tsg_micro.data.errors import ConvergenceError
+
+__all__ = ["DIRECT_BELOW", "LinearSolver"]
+
+Array = NDArray[np.float64]
+
+DIRECT_BELOW = 200_000
+"""Number of unknowns up to which the default solver is a factorisation."""
+
+
+class LinearSolver:
+    """The solver of one matrix K (3 * nodes square, N/m), whose values may change.
+
+    Args:
+        operator: mesh and space.
+        K: the assembled matrix; the rows and columns of prescribed components are replaced in place.
+        fixed: mask (3 * nodes,) of the prescribed components.
+        prefix: of its PETSc options.
+        definite: K is positive definite, so Cholesky will do; if not, a factorisation is LDL^T (MUMPS).
+
+    ``name`` says what is used.
+
+    Raises:
+        ConvergenceError: the factorisation fails.
+    """
+
+    def __init__(
+        self, operator: StrainOperator, K: PETSc.Mat, fixed: NDArray[np.bool_], *, prefix: str, definite: bool = True
+    ) -> None:
+        self.matrix, self.fixed = K, fixed
+        self._rows = (np.flatnonzero(fixed) + K.getOwnershipRange()[0]).astype(PETSc.IntType)
+        self._kind = PETSc.Mat.Option.SPD if definite else PETSc.Mat.Option.SYMMETRIC
+        self._x, self._b = K.createVecs()
+        x = K.createVecLeft()
+        x.setBlockSize(3)
+        x.array[:] = operator.node_coordinates().reshape(-1)
+        K.setNearNullSpace(PETSc.NullSpace().createRigidBody(x))
+        self._ksp = _make_solver(operator, K, prefix)
+        if not definite and self._counts_pivots():
+            self._ksp.getPC().setFactorSetUpSolverType()
+            self._ksp.getPC().getFactorMatrix().setMumpsIcntl(13, 1)  # count the pivots of the root front too
+        self.update()
+        ksp, pc = self._ksp, self._ksp.getPC()
+        factor = pc.getFactorSolverType() if pc.getType() in ("cholesky", "lu") else None
+        self.name = f"{ksp.getType()} + {pc.getType()}" + (f" ({factor})" if factor else "")
+
+    def update(self) -> None:
+        """Take over the values that K was newly assembled with.
+
+        Raises:
+            ConvergenceError: the factorisation fails.
+        """
+        K, ksp = self.matrix, self._ksp
+        K.zeroRowsColumns(self._rows, diag=abs(K.getDiagonal()).sum() / K.getSize()[0])
+        K.setOption(self._kind, True)  # new values have made PETSc forget it
+        ksp.setOperators(K)  # or PETSc would put the factorisation off to the next solve
+        try:
+            ksp.setUp()
+        except PETSc.Error as error:
+            raise ConvergenceError(
+                f"linear solver {ksp.getType()} + {ksp.getPC().getType()}: set-up failed ({error})"
+            ) from None
+
+    def solve(self, right_side: Array) -> Array:
+        """x (3 * nodes,) of b = ``right_side`` (3 * nodes,), whose prescribed components do not count.
+
+        Raises:
+            ConvergenceError: the solver fails.
+        """
+        self._b.array[:] = np.where(self.fixed, 0.0, right_side)
+        try:
+            self._ksp.solve(self._b, self._x)
+        except PETSc.Error:
+            reason = self._ksp.getConvergedReason()
+            raise ConvergenceError(
+                f"linear solver {self.name}: stopped after {self._ksp.getIterationNumber()} iterations, "
+                f"PETSc reason {reason}"
+            ) from None
+        return np.where(self.fixed, 0.0, self._x.array)
+
+    @property
+    def negative_pivots(self) -> int | None:
+        """Negative eigenvalues of K, where the factorisation counts them (MUMPS, LDL^T); None otherwise."""
+        return int(self._ksp.getPC().getFactorMatrix().getMumpsInfog(12)) if self._counts_pivots() else None
+
+    def _counts_pivots(self) -> bool:
+        pc = self._ksp.getPC()
+        return bool(pc.getType() == "cholesky" and pc.getFactorSolverType() == "mumps")
+
+
+def _make_solver(operator: StrainOperator, K: PETSc.Mat, prefix: str) -> PETSc.KSP:
+    ksp = PETSc.KSP().create(operator.comm)
+    ksp.setOptionsPrefix(prefix)
+    ksp.setOperators(K)
+    ksp.setErrorIfNotConverged(True)
+    ksp.setTolerances(rtol=1e-10, max_it=1000)  # of an iterative solver, ours or one asked for by options
+    pc = ksp.getPC()
+    package = next((name for name in ("mumps", "superlu_dist") if PETSc.Sys.hasExternalPackage(name)), None)
+    if operator.global_dofs <= DIRECT_BELOW and (package or operator.comm.size == 1):
+        ksp.setType("preonly")
+        pc.setType("lu" if package == "superlu_dist" else "cholesky")
+        pc.setFactorSolverType(package or "petsc")
+    else:
+        ksp.setType("cg")
+        pc.setType("gamg")
+    ksp.setFromOptions()
+    return ksp

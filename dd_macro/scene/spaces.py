@@ -1,0 +1,222 @@
+"""Displacement space, quadrature points, and the strain operator that joins them.
+
+One sparse matrix holds the paper's B_e and w_e: G = B^T W, so that with Mandel vectors at the quadrature points
+    strain  epsilon = B u = W^-1 G^T u                    (paper, compatibility)
+    force   sum_e w_e B_e^T sigma_e = G sigma             (paper, equilibrium)
+In finite strain B u is the gradient of the displacement and sigma the first Piola stress, both with 9 components.
+All arrays are plain NumPy and hold what this rank owns: fields at quadrature points are (cells * points, ...),
+cell by cell in the local order, nodal fields are flat (3 * nodes,).
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import basix.ufl
+import dolfinx
+import dolfinx.fem.petsc
+import numpy as np
+import ufl
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dd_macro.compat import compile_form, geometry_nodes
+from dd_macro.scene.kinematics import FiniteStrain, Kinematics, SmallStrain
+from dd_macro.scene.mesh import TaggedMesh
+from tsg_micro.data.errors import InputError
+from tsg_micro.data.mandel import BASIS
+
+__all__ = ["GradientOperator", "StrainOperator", "TangentMatrix", "mandel_strain", "stiffness_matrix"]
+
+Array = NDArray[np.float64]
+
+
+def mandel_strain(u: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+    """UFL Mandel vector of sym(grad u), the order and factors of tsg_micro.data.mandel."""
+    e = ufl.sym(ufl.grad(u))
+    r = np.sqrt(2.0)
+    return ufl.as_vector([e[0, 0], e[1, 1], e[2, 2], r * e[1, 2], r * e[0, 2], r * e[0, 1]])
+
+
+class StrainOperator:
+    """B and W of a mesh: strain of displacements, nodal forces of stresses.
+
+    Args:
+        domain: the mesh.
+        degree: degree of the vector Lagrange space, 1 or 2.
+
+    The Gauss rule integrates degree 2 * degree + 1: 8 points in a trilinear hexahedron, 27 for degree 2.
+
+    Raises:
+        InputError: another degree.
+    """
+
+    components = 6
+
+    def __init__(self, domain: TaggedMesh, *, degree: int = 1) -> None:
+        if degree not in (1, 2):
+            raise InputError(f"degree: expected 1 or 2, got {degree}")
+        self.domain = domain
+        mesh = domain.mesh
+        rule = {"quadrature_degree": 2 * degree + 1, "quadrature_rule": "default"}
+        self.dx = ufl.Measure("dx", mesh, metadata=rule)
+        self.displacements = dolfinx.fem.functionspace(mesh, ("Lagrange", degree, (3,)))
+        cell = mesh.basix_cell()
+        shape = (self.components,)
+        element = basix.ufl.quadrature_element(cell, value_shape=shape, scheme="default", degree=2 * degree + 1)
+        Q = dolfinx.fem.functionspace(mesh, element)
+        self.reference_points, self.reference_weights = basix.make_quadrature(cell, 2 * degree + 1)
+        self.points_per_cell = len(self.reference_weights)
+        self._order = Q.dofmap.list[: domain.owned_cells].reshape(-1)  # quadrature dof of each point, cell by cell
+        v, tau = ufl.TestFunction(self.displacements), ufl.TrialFunction(Q)
+        form = compile_form(ufl.inner(tau, self.expression(v)) * self.dx)
+        self.matrix = dolfinx.fem.petsc.assemble_matrix(form)
+        self.matrix.assemble()
+        self._at_points, self._at_nodes = self.matrix.createVecs()
+        self.weights = self._jacobian() * np.tile(self.reference_weights, domain.owned_cells)
+
+    @staticmethod
+    def expression(u: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """UFL vector of B u."""
+        return mandel_strain(u)
+
+    def local(self, strain: Array) -> Kinematics:
+        """What B u (n, 6) means to the material at the quadrature points."""
+        return SmallStrain(strain)
+
+    def modulus(self, C: Array) -> Array:
+        """C (6, 6) in Pa as it stands between B u and the stress of the equations."""
+        return C
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The communicator of the mesh."""
+        return self.domain.comm
+
+    @property
+    def owned_dofs(self) -> int:
+        """Number of displacement components that this rank owns."""
+        return self._at_nodes.getLocalSize()
+
+    @property
+    def global_dofs(self) -> int:
+        """Number of displacement components on all ranks."""
+        return self._at_nodes.getSize()
+
+    def strain(self, u: Array) -> Array:
+        """Mandel strain (n, 6) at the quadrature points of the nodal displacement u (3 * nodes,) in m."""
+        self._at_nodes.array[:] = u
+        self.matrix.multTranspose(self._at_nodes, self._at_points)
+        return self._at_points.array.reshape(-1, self.components)[self._order] / self.weights[:, None]
+
+    def force(self, stress: Array) -> Array:
+        """Nodal forces (3 * nodes,) in N of the Mandel stress (n, 6) in Pa: sum w B^T sigma."""
+        values = self._at_points.array
+        values.reshape(-1, self.components)[self._order] = stress
+        self._at_points.array = values
+        self.matrix.mult(self._at_points, self._at_nodes)
+        return self._at_nodes.array.copy()
+
+    def node_coordinates(self) -> Array:
+        """Coordinates (nodes, 3) in m of the nodes that this rank owns."""
+        return self.displacements.tabulate_dof_coordinates()[: self.owned_dofs // 3]
+
+    @cached_property
+    def cell_corners(self) -> Array:
+        """Corners (cells, 8, 3) in m, in DOLFINx's tensor-product order."""
+        mesh = self.domain.mesh
+        return mesh.geometry.x[geometry_nodes(mesh)]
+
+    @cached_property
+    def points(self) -> Array:
+        """Coordinates (n, 3) in m of the quadrature points."""
+        shape = self._tabulate(0)[0]
+        return np.einsum("qn,cni->cqi", shape, self.cell_corners).reshape(-1, 3)
+
+    def cell_mean(self, values: Array) -> Array:
+        """Volume means (cells, ...) of values (n, ...) at the quadrature points."""
+        nq = self.points_per_cell
+        w = self.weights.reshape(-1, nq)
+        return np.einsum("cq,cq...->c...", w / w.sum(axis=1, keepdims=True), values.reshape(-1, nq, *values.shape[1:]))
+
+    def corner_displacement(self, u: Array) -> Array:
+        """Displacement (cells, 8, 3) in m at the corners of the cells, from the nodal u (3 * nodes,)."""
+        function = dolfinx.fem.Function(self.displacements)
+        function.x.array[: self.owned_dofs] = u
+        function.x.scatter_forward()
+        # the first eight nodes of a Lagrange hexahedron are its corners
+        corners = self.displacements.dofmap.list[: self.domain.owned_cells, :8]
+        return function.x.array.reshape(-1, 3)[corners]
+
+    def _tabulate(self, derivatives: int) -> Array:
+        element = basix.create_element(basix.ElementFamily.P, basix.CellType.hexahedron, 1)
+        return element.tabulate(derivatives, self.reference_points)[..., 0]
+
+    def _jacobian(self) -> Array:
+        gradients = self._tabulate(1)[1:]
+        return np.abs(np.linalg.det(np.einsum("kqn,cni->cqik", gradients, self.cell_corners))).reshape(-1)
+
+
+class GradientOperator(StrainOperator):
+    """B and W for finite strain: B u is the gradient H of the displacement, row by row (n, 9); its stress is P (n, 9).
+
+    A modulus C acts on the symmetric part of H alone.
+    """
+
+    components = 9
+
+    @staticmethod
+    def expression(u: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """UFL vector of grad u."""
+        H = ufl.grad(u)
+        return ufl.as_vector([H[i, j] for i in range(3) for j in range(3)])
+
+    def local(self, strain: Array) -> Kinematics:
+        """Polar decomposition of I + H, H (n, 9)."""
+        return FiniteStrain(strain)
+
+    def modulus(self, C: Array) -> Array:
+        """C (6, 6) as a matrix (9, 9) in Pa."""
+        symmetric = BASIS.reshape(6, 9)
+        return np.asarray(symmetric.T @ C @ symmetric)
+
+
+def stiffness_matrix(operator: StrainOperator, C: Array) -> PETSc.Mat:
+    """K = sum w B^T C B (3 * nodes square, N/m) of one symmetric C (6, 6) in Pa, no boundary conditions yet."""
+    V = operator.displacements
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    modulus = dolfinx.fem.Constant(operator.domain.mesh, np.ascontiguousarray(C, dtype=float))
+    form = compile_form(ufl.inner(mandel_strain(v), ufl.dot(modulus, mandel_strain(u))) * operator.dx)
+    K = dolfinx.fem.petsc.assemble_matrix(form)
+    K.assemble()
+    return K
+
+
+class TangentMatrix:
+    """K = sum w B^T C B with a C of its own at every quadrature point; one sparsity pattern, assembled again and again.
+
+    ``matrix`` (3 * nodes square, N/m) is that of the last :meth:`assemble`, without boundary conditions.
+    """
+
+    def __init__(self, operator: StrainOperator) -> None:
+        V = operator.displacements
+        mesh = operator.domain.mesh
+        u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+        degree = operator.dx.metadata()["quadrature_degree"]
+        shape = (operator.components, operator.components)
+        element = basix.ufl.quadrature_element(mesh.basix_cell(), value_shape=shape, scheme="default", degree=degree)
+        self._moduli = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, element))
+        points = self._moduli.function_space.dofmap.list[: operator.domain.owned_cells]
+        self._order = points.reshape(-1)  # quadrature dof of each point, cell by cell
+        stress = ufl.dot(self._moduli, operator.expression(u))
+        self._form = compile_form(ufl.inner(operator.expression(v), stress) * operator.dx)
+        self.matrix = dolfinx.fem.petsc.create_matrix(self._form)
+
+    def assemble(self, C: Array) -> PETSc.Mat:
+        """``matrix`` with the moduli C in Pa, (n, 6, 6) or with 9 components (n, 9, 9)."""
+        self._moduli.x.array.reshape(-1, *C.shape[1:])[self._order] = C
+        self.matrix.zeroEntries()
+        dolfinx.fem.petsc.assemble_matrix(self.matrix, self._form)
+        self.matrix.assemble()
+        return self.matrix

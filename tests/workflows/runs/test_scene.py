@@ -1,0 +1,80 @@
+"""The scene of a run: what its clamps hold, and what is refused."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import dd_macro as dd
+from tsg_micro.data.dataset import Dataset, take
+from tsg_micro.data.errors import InputError
+from workflows.runs.scene import BLOCK, Scene, with_tangents
+
+C = dd.isotropic(young=1e3, poisson=0.3).C
+
+
+def strains(scene):
+    """Strains of a linear elastic sheet whose width is held."""
+    domain = scene.build(MPI.COMM_SELF)
+    operator = scene.operator(domain)
+    sides = [dd.Displacement(side, (0.0,), (0,)) for side in ("left", "right")]
+    result = dd.solve_law(operator, dd.LinearLaw(C, np.zeros(6)), sides + scene.conditions(domain))
+    return operator, result
+
+
+@pytest.mark.parametrize(("nz", "degree", "flat"), [(1, 1, False), (2, 1, True), (1, 2, False), (1, 1, True)])
+def test_sheet_held_in_its_plane_is_in_plane_strain_and_stress(nz, degree, flat):
+    """Its width held and its thickness free: eps_zz = -nu / (1 - nu) eps_yy everywhere, at the clamps too."""
+    scene = Scene("stretch", 0.02, (3, 4, nz), clamp="inplane", degree=degree, flat=flat)
+    operator, result = strains(scene)
+    expected = np.zeros(6)
+    expected[1], expected[2] = 0.02, -0.3 / 0.7 * 0.02
+    np.testing.assert_allclose(
+        result.mechanical.strain, np.broadcast_to(expected, (len(operator.weights), 6)), atol=1e-12
+    )
+    force = 1e3 / (1 - 0.3**2) * 0.02 * 3 * BLOCK * nz * BLOCK
+    np.testing.assert_allclose(result.reactions["top"], [0.0, force, 0.0], atol=1e-9 * force)
+
+
+def test_full_clamp_holds_the_thickness():
+    operator, full = strains(Scene("stretch", 0.02, (3, 4, 1)))
+    _, inplane = strains(Scene("stretch", 0.02, (3, 4, 1), clamp="inplane"))
+    y = operator.node_coordinates()[:, 1]
+    ends = (y < 1e-9) | (y > y.max() - 1e-9)
+    assert not full.mechanical.u.reshape(-1, 3)[ends, 2].any()
+    assert inplane.mechanical.u.reshape(-1, 3)[ends, 2].any()
+    assert full.reactions["top"][1] > inplane.reactions["top"][1]
+
+
+def test_a_flat_sheet_needs_its_back():
+    scene = Scene("stretch", 0.02, (3, 3, 1), flat=True)
+    domain = scene.build(MPI.COMM_SELF)
+    sides = {name: tag for name, tag in domain.names.items() if name in ("bottom", "top")}
+    with pytest.raises(InputError, match="flat: expected a side named back in the mesh, got bottom, top"):
+        scene.conditions(dataclasses.replace(domain, names=sides))
+
+
+def test_tangents_of_few_data():
+    strain, n = 0.01 * np.vstack([np.eye(6), -np.eye(6)]), np.arange(12)
+    few = Dataset(strain, strain @ C, "first_piola", path=n, step=n)
+    found = with_tangents(few)
+    assert found.tangent is not None  # of less than 16 neighbours
+    assert np.isfinite(found.tangent).all()
+    with pytest.raises(InputError, match="data: expected tangents, or at least 4 points"):
+        with_tangents(take(few, n[:3]))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "text"),
+    [
+        ({"kinematics": "large"}, "kinematics: expected small or finite, got 'large'"),
+        ({"clamp": "none"}, "clamp: expected full or inplane, got 'none'"),
+        ({"degree": 3}, "degree: expected 1 or 2, got 3"),
+    ],
+)
+def test_errors(wrong, text):
+    with pytest.raises(InputError, match=text):
+        Scene("stretch", 0.05, (3, 3, 1), **wrong)

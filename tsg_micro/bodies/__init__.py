@@ -1,0 +1,1 @@
+"""Bodies that are loaded whole, with every bar and tendon."""

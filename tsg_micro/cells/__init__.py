@@ -1,0 +1,1 @@
+"""Cells at rest: unit cell, parameters, lattice, prestress; no displacement appears here."""

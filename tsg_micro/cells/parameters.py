@@ -1,0 +1,68 @@
+"""Geometry and stiffness of one cell, with the values of the paper's Table 1 as defaults."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tsg_micro.data.errors import InputError
+
+__all__ = ["CellParameters", "check_bar_force"]
+
+
+@dataclass(frozen=True)
+class CellParameters:
+    """One truncated-octahedron cell: shape, size and members (paper, Table 1), SI units.
+
+    Raises:
+        InputError: on construction, where a value is not positive or r is outside (0, 1).
+    """
+
+    half_diagonal: float = 0.5
+    """Half-diagonal r of a square face over half the cell height, in (0, 1)."""
+    height: float = 10e-6
+    """Cell height h, m."""
+    E_bar: float = 1.2e9
+    """Young's modulus of bars, Pa."""
+    E_tendon: float = 10e6
+    """Young's modulus of tendons, Pa."""
+    d_bar: float = 0.1e-6
+    """Diameter of bars, m."""
+    d_tendon: float = 1e-6
+    """Diameter of tendons, m."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.half_diagonal < 1.0:
+            raise InputError(f"half_diagonal r: expected a number in (0, 1), got {self.half_diagonal}")
+        for name, value in asdict(self).items():
+            if not (value > 0.0 and math.isfinite(value)):
+                raise InputError(f"{name}: expected a positive number, got {value}")
+
+    @property
+    def EA_bar(self) -> float:
+        """Axial stiffness of a bar, N."""
+        return self.E_bar * math.pi * self.d_bar**2 / 4.0
+
+    @property
+    def EA_tendon(self) -> float:
+        """Axial stiffness of a tendon, N."""
+        return self.E_tendon * math.pi * self.d_tendon**2 / 4.0
+
+
+def check_bar_force(bar_force: ArrayLike, *, cells: int, EA_bar: float) -> NDArray[np.float64]:
+    """Bar forces f_b as one positive number per cell (cells,), N.
+
+    Raises:
+        InputError: not a scalar or one per cell, not positive and finite, or beyond what a bar can carry.
+    """
+    f = np.asarray(bar_force, dtype=float)
+    if f.shape not in ((), (cells,)):
+        raise InputError(f"bar_force: expected one number or one per cell ({cells}), got shape {f.shape}")
+    if not (np.isfinite(f).all() and (f > 0.0).all()):
+        raise InputError(f"bar_force: expected positive forces in N (compression of the bars), got {f.min()}")
+    if (f >= EA_bar).any():
+        raise InputError(f"bar_force: expected less than the bar stiffness EA = {EA_bar:.3g} N, got {f.max():.3g} N")
+    return np.broadcast_to(f, (cells,))

@@ -1,0 +1,146 @@
+"""Self-stress of a pin-jointed structure, and rest lengths that put it there.
+
+Force densities q with A_eq q = 0 are the null space of the equilibrium matrix, found by SVD for structures of a
+moderate size. A lattice of cells is prestressed by the sum of its cells' closed-form states, each scaled to the
+bar force f_b of its cell; that is exact for any number of cells.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike, NDArray
+
+from tsg_micro.cells.parameters import CellParameters, check_bar_force
+from tsg_micro.cells.structure import Structure, equilibrium_matrix, member_vectors
+from tsg_micro.cells.unit_cell import unit_cell
+from tsg_micro.data.errors import InputError
+from tsg_micro.equilibrium.linear_solvers import choose_backend, make_solver
+
+__all__ = [
+    "SelfStress",
+    "force_density_of_cells",
+    "force_density_of_owners",
+    "prestressed",
+    "self_stress",
+    "self_stress_counts",
+    "with_bar_force",
+    "with_force_density",
+]
+
+Array = NDArray[np.float64]
+_MOST_MEMBERS, _SVD_MEMBERS = 4000, 1000
+
+
+@dataclass(frozen=True)
+class SelfStress:
+    """Null spaces of the equilibrium matrix, by SVD (paper, Section 2.2)."""
+
+    rank: int
+    states: Array
+    """Orthonormal force densities V_2 (m, s)."""
+    mechanisms: int
+    """Internal mechanisms: 3n - rank less the rigid motions (6, or 3 where the structure is periodic)."""
+    singular_values: Array
+    """Of A_eq, largest first."""
+
+
+def self_stress(structure: Structure) -> SelfStress:
+    """Self-stress states and mechanisms of ``structure`` in its reference geometry.
+
+    Raises:
+        InputError: more members than a dense SVD is meant for.
+    """
+    if len(structure.members) > _MOST_MEMBERS:
+        raise InputError(
+            f"self_stress: expected at most {_MOST_MEMBERS} members for a dense SVD, got {len(structure.members)}"
+        )
+    _, values, v = np.linalg.svd(equilibrium_matrix(structure).toarray(), full_matrices=True)
+    rank = int((values > values[0] * 1e-10).sum())
+    rigid = 3 if any(structure.periodic) else 6
+    return SelfStress(rank, v[rank:].T, structure.nodes.size - rank - rigid, values)
+
+
+def with_bar_force(states: Array, structure: Structure, bar_force: float) -> Array:
+    """Force densities V_2 z (m,), N/m, whose bars all carry the compression ``bar_force`` (paper, Section 2.2).
+
+    Raises:
+        InputError: no combination of the states gives every bar that force.
+    """
+    check_bar_force(bar_force, cells=1, EA_bar=np.inf)
+    bars = structure.bars
+    wanted = -bar_force / np.linalg.norm(member_vectors(structure)[bars], axis=1)
+    z, *_ = np.linalg.lstsq(states[bars], wanted, rcond=None)
+    if not np.allclose(states[bars] @ z, wanted, rtol=1e-8, atol=0.0):
+        raise InputError("states: expected self-stress states that can give all bars one force, got none that does")
+    return np.asarray(states @ z)
+
+
+def force_density_of_cells(structure: Structure, parameters: CellParameters, bar_force: ArrayLike) -> Array:
+    """Self-stress (m,), N/m: the sum over cells of their closed-form state, scaled to their bar force f_b (N).
+
+    Raises:
+        InputError: ``bar_force`` is not a positive number or one per cell.
+    """
+    return np.asarray(force_density_of_owners(structure, parameters, bar_force).sum(axis=1))
+
+
+def force_density_of_owners(structure: Structure, parameters: CellParameters, bar_force: ArrayLike) -> Array:
+    """What each of the one or two cells of a member contributes to its self-stress (m, 2), N/m, 0 for no cell.
+
+    Raises:
+        InputError: as :func:`force_density_of_cells`.
+    """
+    f = check_bar_force(bar_force, cells=len(structure.cells), EA_bar=parameters.EA_bar)
+    unit = unit_cell(parameters.half_diagonal)
+    state = np.zeros(3)
+    state[unit.kind] = unit.force_density
+    scale = np.append(f / (unit.bar_length * parameters.height / 2.0), 0.0)  # the last one stands for "no cell"
+    return np.asarray(state[structure.kind, None] * scale[structure.member_cells])
+
+
+def with_force_density(structure: Structure, force_density: Array) -> Structure:
+    """``structure`` with rest lengths l0 = EA l / (EA + t0), t0 = q l: it carries q (m,), N/m, where it stands.
+
+    Raises:
+        InputError: a compression as large as the stiffness of its member.
+    """
+    length = np.linalg.norm(member_vectors(structure), axis=1)
+    stretched = structure.EA + force_density * length
+    if (stretched <= 0.0).any():
+        raise InputError("force_density: expected forces above -EA in every member")
+    return dataclasses.replace(structure, rest_length=structure.EA * length / stretched)
+
+
+def prestressed(structure: Structure, parameters: CellParameters, bar_force: ArrayLike) -> Structure:
+    """A lattice with the rest lengths that its bar force f_b (N; one, or one per cell) asks for.
+
+    Raises:
+        InputError: as :func:`force_density_of_cells`.
+    """
+    return with_force_density(structure, force_density_of_cells(structure, parameters, bar_force))
+
+
+def self_stress_counts(structure: Structure) -> tuple[int, int, str]:
+    """Number of self-stress states, of internal mechanisms, and how they were found.
+
+    Small structures by SVD; large ones by the inertia of A_eq^T A_eq - d 1, whose negative pivots are the singular
+    values of A_eq below sqrt(d), here 1e-4 of the longest member; the spheroid has none between round-off and 1e-3.
+    """
+    m = len(structure.members)
+    if m <= _SVD_MEMBERS:
+        svd = self_stress(structure)
+        return svd.states.shape[1], svd.mechanisms, "singular value decomposition"
+    A = equilibrium_matrix(structure)
+    gram = sp.triu(A.T @ A, format="csr")
+    gram.sort_indices()
+    length = np.linalg.norm(member_vectors(structure), axis=1).max()
+    gram.setdiag(gram.diagonal() - (1e-4 * length) ** 2)
+    choice = choose_backend(m)
+    solver = make_solver(gram.indptr.astype(np.int32), gram.indices.astype(np.int32), choice.backend)
+    states = solver.factorise(gram.data).negative_pivots
+    rigid = 3 if any(structure.periodic) else 6
+    return states, structure.nodes.size - (m - states) - rigid, f"inertia of A^T A, by {choice.backend}"

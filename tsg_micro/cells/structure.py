@@ -1,0 +1,116 @@
+"""A pin-jointed structure as plain arrays, and the equilibrium matrix that its geometry defines."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from tsg_micro.cells.unit_cell import BAR
+from tsg_micro.data.errors import InputError
+
+__all__ = ["Structure", "equilibrium_matrix", "from_arrays", "member_vectors"]
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Nodes, members and their stiffness; for lattices also which cell and block each member belongs to.
+
+    In a periodic structure a member may end at an image of its second node, ``shift`` periods away.
+    """
+
+    nodes: NDArray[np.float64]
+    """Reference coordinates (n, 3), m."""
+    members: NDArray[np.int64]
+    """Node pairs (m, 2)."""
+    kind: NDArray[np.uint8]
+    """Square tendon 0, edge tendon 1, bar 2 (m,)."""
+    EA: NDArray[np.float64]
+    """Axial stiffness (m,), N."""
+    rest_length: NDArray[np.float64]
+    """Length without force (m,), m."""
+    shift: NDArray[np.int64]
+    """Periods between the second node and the image a member ends at (m, 3)."""
+    size: NDArray[np.float64]
+    """Edge lengths of the bounding box, m (3,); where periodic, the period."""
+    periodic: tuple[bool, bool, bool] = (False, False, False)
+    """Along which axes the structure repeats."""
+    member_cells: NDArray[np.int64] = dataclasses.field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    """The one or two cells a member belongs to (m, 2), -1 for none."""
+    cells: NDArray[np.int64] = dataclasses.field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
+    """Lattice indices of the cells (c, 3)."""
+    cell_block: NDArray[np.int64] = dataclasses.field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """Which block each cell belongs to (c,)."""
+    blocks: NDArray[np.int64] = dataclasses.field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
+    """Lattice indices of the 2x2x2 blocks (b, 3)."""
+    node_keys: NDArray[np.int64] = dataclasses.field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
+    """Exact integer position of each node (n, 3), eighths of a cell; see tsg_micro.cells.lattice."""
+
+    @property
+    def bars(self) -> NDArray[np.bool_]:
+        """Mask of the bars (m,)."""
+        return self.kind == BAR
+
+    @property
+    def volume(self) -> float:
+        """Reference volume of the bounding box, m^3."""
+        return float(np.prod(self.size))
+
+
+def member_vectors(structure: Structure) -> NDArray[np.float64]:
+    """Reference vectors of the members (m, 3), second end minus first, m."""
+    i, j = structure.members.T
+    return structure.nodes[j] - structure.nodes[i] + structure.shift * structure.size
+
+
+def equilibrium_matrix(structure: Structure) -> sp.csc_array:
+    """A_eq (3n, m): A_eq q are the nodal forces that hold force densities q, paper Section 2.1."""
+    d = member_vectors(structure)
+    m = len(d)
+    i, j = (structure.members[:, end, None] * 3 + np.arange(3) for end in (0, 1))
+    column = np.broadcast_to(np.arange(m)[:, None], (m, 3))
+    rows = np.concatenate([i.ravel(), j.ravel()])
+    columns = np.concatenate([column.ravel(), column.ravel()])
+    values = np.concatenate([-d.ravel(), d.ravel()])
+    return sp.csc_array((values, (rows, columns)), shape=(structure.nodes.size, m))
+
+
+def from_arrays(
+    nodes: NDArray[np.float64],
+    members: NDArray[np.int64],
+    *,
+    kind: NDArray[np.uint8],
+    EA: NDArray[np.float64],
+    rest_length: NDArray[np.float64],
+) -> Structure:
+    """A structure that is no lattice, from its arrays (shapes as in :class:`Structure`).
+
+    Raises:
+        InputError: shapes do not fit, a member has no length or names no node, or a value is not positive.
+    """
+    nodes, members = np.asarray(nodes, dtype=float), np.asarray(members)
+    m = len(members)
+    if nodes.ndim != 2 or nodes.shape[1] != 3 or not np.isfinite(nodes).all():
+        raise InputError(f"nodes: expected finite coordinates of shape (n, 3), got shape {nodes.shape}")
+    if members.shape != (m, 2) or m == 0 or members.min() < 0 or members.max() >= len(nodes):
+        raise InputError(f"members: expected pairs of node numbers below {len(nodes)}, shape (m, 2)")
+    for name, array in (("kind", kind), ("EA", EA), ("rest_length", rest_length)):
+        if np.shape(array) != (m,):
+            raise InputError(f"{name}: expected shape ({m},), got {np.shape(array)}")
+    for name, array in (("EA", EA), ("rest_length", rest_length)):
+        if not (np.isfinite(array).all() and (np.asarray(array) > 0.0).all()):
+            raise InputError(f"{name}: expected positive numbers, got a minimum of {np.min(array)}")
+    if (np.linalg.norm(nodes[members[:, 1]] - nodes[members[:, 0]], axis=1) == 0.0).any():
+        raise InputError("members: expected two distinct ends, got a member of length 0")
+    return Structure(
+        nodes=nodes,
+        members=members.astype(np.int64),
+        kind=np.asarray(kind, dtype=np.uint8),
+        EA=np.asarray(EA, dtype=float),
+        rest_length=np.asarray(rest_length, dtype=float),
+        shift=np.zeros((m, 3), dtype=np.int64),
+        size=np.ptp(nodes, axis=0),
+    )

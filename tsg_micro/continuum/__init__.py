@@ -1,0 +1,1 @@
+"""From displacement to stress: blocks, RVE, sampling, response, radial profiles, long waves."""

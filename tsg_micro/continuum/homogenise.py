@@ -1,0 +1,93 @@
+"""From members to continuum: stress of a volume, deformation of every cell and block.
+
+The sum over members of t_e (x) l_e, with l_e the current member vector, is the Kirchhoff stress tau times the
+reference volume (paper, Section 2.4; Christoffersen et al. 1981). The volume average of the displacement gradient
+comes from the displacements of the faces, H e_a = (u of face +a - u of face -a) / h (Hohe and Becker 2001).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tsg_micro.cells.structure import Structure, member_vectors
+from tsg_micro.data.errors import InputError
+from tsg_micro.equilibrium.members import MemberState
+
+__all__ = ["BlockFields", "block_fields", "cell_gradient", "kirchhoff_stress"]
+
+Array = NDArray[np.float64]
+_PER_CELL = 8  # node keys count eighths of a cell
+
+
+def kirchhoff_stress(members: MemberState, volume: float) -> Array:
+    """Volume average (3, 3) of the Kirchhoff stress, Pa, over the reference ``volume`` (m^3) that holds all members."""
+    d = members.vector
+    return np.einsum("m,ma,mb->ab", members.force_density, d, d) / volume
+
+
+def cell_gradient(structure: Structure, displacement: Array) -> Array:
+    """Displacement gradient H (c, 3, 3) of every cell of a lattice, from the mean displacement of its six faces.
+
+    Raises:
+        InputError: the lattice is periodic (the faces there belong to two cells at once).
+    """
+    if any(structure.periodic):
+        raise InputError("structure: expected a lattice without periodic axes")
+    keys, cells = structure.node_keys, structure.cells
+    low = cells.min(axis=0) - 1
+    shape = tuple(np.ptp(cells, axis=0) + 3)
+    number = np.full(shape, len(cells))  # the last one stands for "no cell"
+    number[tuple((cells - low).T)] = np.arange(len(cells))
+    axis = (keys % _PER_CELL == 0).argmax(axis=1)
+    above = keys // _PER_CELL
+    below = above - np.eye(3, dtype=np.int64)[axis]
+    height = structure.size[0] / (np.ptp(cells[:, 0]) + 1)
+    columns = np.zeros((3 * len(cells) + 3, 3))  # row 3 c + a: column a of H of cell c
+    share = displacement / (4.0 * height)  # four nodes to a face
+    for cell, sign in ((below, 1.0), (above, -1.0)):
+        np.add.at(columns, 3 * number[tuple((cell - low).T)] + axis, sign * share)
+    return np.swapaxes(columns.reshape(-1, 3, 3)[:-1], 1, 2)
+
+
+@dataclass(frozen=True)
+class BlockFields:
+    """Means over each block of a lattice."""
+
+    midpoint: Array
+    """Reference midpoints (b, 3), m."""
+    F: Array
+    """Deformation gradients (b, 3, 3)."""
+    kirchhoff: Array
+    """Kirchhoff stress (b, 3, 3), Pa: members' forces times their current vectors."""
+    first_piola: Array
+    """First Piola stress (b, 3, 3), Pa: members' forces times their reference vectors; in balance row by row."""
+
+
+def block_fields(structure: Structure, displacement: Array, members: MemberState) -> BlockFields:
+    """Deformation gradient and Kirchhoff stress of every block; members shared by two cells count half in each."""
+    owned = structure.member_cells >= 0
+    force = (members.force_density / owned.sum(axis=1))[:, None] * members.vector
+    count = len(structure.blocks)
+    current, reference = np.zeros((2, count, 3, 3))
+    for side in (0, 1):
+        own = owned[:, side]
+        block = structure.cell_block[structure.member_cells[own, side]]
+        np.add.at(current, block, force[own, :, None] * members.vector[own, None, :])
+        np.add.at(reference, block, force[own, :, None] * member_vectors(structure)[own, None, :])
+    cells_in_block = np.bincount(structure.cell_block, minlength=count)
+    height = structure.size[0] / (np.ptp(structure.cells[:, 0]) + 1)
+    mean = np.zeros((count, 3, 3))
+    np.add.at(mean, structure.cell_block, cell_gradient(structure, displacement))
+    mean /= cells_in_block[:, None, None]
+    midpoint = np.zeros((count, 3))
+    np.add.at(midpoint, structure.cell_block, (structure.cells + 0.5) * height)
+    volume = (cells_in_block * height**3)[:, None, None]
+    return BlockFields(
+        midpoint=midpoint / cells_in_block[:, None],
+        F=np.eye(3) + mean,
+        kirchhoff=current / volume,
+        first_piola=reference / volume,
+    )

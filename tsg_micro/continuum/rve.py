@@ -1,0 +1,213 @@
+"""Representative volume element: a periodic lattice under a macroscopic displacement gradient H.
+
+Along periodic axes opposite faces are images of each other and H prescribes the jump between them. Across an axis
+that is not periodic the faces are free, but H still means something there: the difference of their mean
+displacements is H e_a times the thickness, kept by three constraints. A strain component that is free is found by
+the condition that its stress vanishes, so a sheet in plane stress has the components zz, yz, xz free.
+The derivative of the stored energy by H is V0 P, with P the first Piola stress; its second derivative, condensed
+on the nodes, is the consistent tangent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tsg_micro.cells.lattice import Images, box_cells, lattice, side_nodes
+from tsg_micro.cells.parameters import CellParameters
+from tsg_micro.cells.prestress import prestressed
+from tsg_micro.cells.structure import Structure
+from tsg_micro.data.errors import InputError
+from tsg_micro.data.mandel import BASIS, COMPONENTS, from_mandel, to_mandel
+from tsg_micro.equilibrium.load_path import Equilibrium, EquilibriumSolver
+from tsg_micro.equilibrium.newton import NewtonOptions
+from tsg_micro.equilibrium.tangent import Border
+
+__all__ = ["RVE", "RVEState", "build_rve"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RVEState:
+    """Homogenised state of an RVE; tensors (3, 3)."""
+
+    F: Array
+    """Deformation gradient, volume average."""
+    first_piola: Array
+    """P, Pa: derivative of the energy per reference volume by H."""
+    energy: float
+    """Stored energy per reference volume, J/m^3."""
+    tangent: Array | None
+    """d sym(P) / d strain (6, 6), Pa, Mandel, all six strains prescribed; symmetric."""
+    equilibrium: Equilibrium
+    rate: Array | None = None
+    """d y / d strain (3n + 9, 6): how all unknowns follow the Mandel strain; there with the tangent."""
+
+    @property
+    def strain(self) -> Array:
+        """Small strain, the symmetric part of H, Mandel (6,)."""
+        return to_mandel(self.F - np.eye(3))
+
+    @property
+    def kirchhoff(self) -> Array:
+        """tau = P F^T, Pa."""
+        return self.first_piola @ self.F.T
+
+    @property
+    def cauchy(self) -> Array:
+        """sigma = tau / det F, Pa."""
+        return self.kirchhoff / np.linalg.det(self.F)
+
+    @property
+    def second_piola(self) -> Array:
+        """S = F^-1 P, Pa."""
+        return np.linalg.solve(self.F, self.first_piola)
+
+
+class RVE:
+    """A periodic structure that follows its equilibrium from one macroscopic state to the next."""
+
+    def __init__(
+        self,
+        structure: Structure,
+        *,
+        free: tuple[str, ...] = (),
+        slack: bool = False,
+        options: NewtonOptions | None = None,
+    ) -> None:
+        """``free`` names the strain components without stress, among xx, yy, zz, yz, xz, xy.
+
+        Raises InputError: no axis is periodic, or a name is unknown or comes twice.
+        """
+        if not any(structure.periodic):
+            raise InputError("structure: expected at least one periodic axis")
+        if len(set(free)) != len(free):
+            raise InputError(f"free: expected every strain component once, got {', '.join(free)}")
+        unknown = [name for name in free if name not in COMPONENTS]
+        if unknown:
+            raise InputError(f"free: expected strain components among {', '.join(COMPONENTS)}, got {unknown[0]!r}")
+        self.structure = structure
+        self.free = tuple(COMPONENTS.index(name) for name in free)
+        fixed = np.zeros(structure.nodes.shape, dtype=bool)
+        fixed[0] = True  # a rigid translation of a periodic body changes nothing
+        border = Border(
+            BASIS[list(self.free)].reshape(-1, 9).T, _mean_constraints(structure), held=_free_rotation(structure)
+        )
+        self.solver = EquilibriumSolver(structure, fixed=fixed, border=border, slack=slack, options=options)
+
+    def reset(self) -> None:
+        """Go back to the reference state."""
+        self.solver.move_to(np.zeros(self.solver.system.size), np.zeros(self.solver.system.nodal_size))
+
+    def solve_strain(
+        self, strain: ArrayLike, *, tangent: bool = True, steps: int = 1, rate: Array | None = None
+    ) -> RVEState:
+        """Follow the equilibrium to the Mandel strain (6,) along a straight line, H symmetric.
+
+        Entries of free components are not used. With ``tangent`` the result is a stable state and carries its tangent.
+        ``rate`` (3n + 9, 6) is that of the present state, if it is known: it saves a factorisation, and is the true
+        first guess where no component is free.
+
+        Raises:
+            InputError: ``strain`` is not six finite numbers.
+            ConvergenceError: the equilibrium was lost on the way; the RVE stays where it was reached last.
+        """
+        strain = np.array(strain, dtype=float)
+        if strain.shape != (6,) or not np.isfinite(strain).all():
+            raise InputError(f"strain: expected six finite Mandel components, got shape {strain.shape}")
+        present = to_mandel(self.solver.y[-9:].reshape(3, 3))
+        strain[list(self.free)] = present[list(self.free)]
+        change = None if rate is None else rate @ (strain - present)
+        return self.solve_gradient(from_mandel(strain), tangent=tangent, steps=steps, change=change)
+
+    def solve_gradient(
+        self, H: ArrayLike, *, tangent: bool = True, steps: int = 1, change: Array | None = None
+    ) -> RVEState:
+        """Follow the equilibrium to the displacement gradient H (3, 3), whose free components start the search.
+
+        ``change`` (3n + 9,) is that of all unknowns along the tangent, if it is known.
+
+        Raises:
+            InputError: H is not finite or turns the body inside out.
+            ConvergenceError: as :meth:`solve_strain`.
+        """
+        if change is not None:
+            self.solver.expect(change)
+        result = self.solver.solve(H=np.asarray(H, dtype=float), stable=tangent, steps=steps)
+        volume = self.structure.volume
+        stiffness, rate = self._tangent(result) if tangent else (None, None)
+        return RVEState(
+            F=np.eye(3) + result.H,
+            first_piola=result.macro_force / volume,
+            energy=result.energy / volume,
+            tangent=None if stiffness is None else stiffness / volume,
+            equilibrium=result,
+            rate=rate,
+        )
+
+    def _tangent(self, result: Equilibrium) -> tuple[Array, Array]:
+        """Second derivative (6, 6) of the energy by symmetric H, J, with the factor that the solver holds; the rate."""
+        solver, newton = self.solver, self.solver.newton
+        m, a = solver.system.nodal_size, newton.border.constraint
+        factor = solver.tangent().factor
+        macro = np.zeros((solver.system.size, 6))
+        macro[m:] = BASIS.reshape(6, 9).T
+        ax, am = a[:, newton.free], a[:, m:] @ macro[m:]
+        product = solver.system.tangent_product(result.members, macro)
+        solved = factor.solve(np.column_stack([-product[newton.free], ax.T]))
+        dx, lever = solved[:, :6], solved[:, 6:]
+        multipliers = np.linalg.solve(ax @ lever, ax @ dx + am) if len(a) else np.zeros((0, 6))
+        macro[newton.free] = dx - lever @ multipliers
+        moment = solver.system.tangent_product(result.members, macro)[m:] + a[:, m:].T @ multipliers
+        tangent = BASIS.reshape(6, 9) @ moment
+        return 0.5 * (tangent + tangent.T), macro
+
+
+def _mean_constraints(structure: Structure) -> Array:
+    """Rows (c, 3n + 9): mean displacement of the high face less that of the low one, less H e_a times the thickness."""
+    n = structure.nodes.size
+    rows = []
+    for axis, repeats in enumerate(structure.periodic):
+        if repeats:
+            continue
+        high, low = side_nodes(structure, axis, end="high"), side_nodes(structure, axis, end="low")
+        for alpha in range(3):
+            row = np.zeros(n + 9)
+            row[3 * high + alpha] = 1.0 / len(high)
+            row[3 * low + alpha] = -1.0 / len(low)
+            row[n + 3 * alpha + axis] = -structure.size[axis]
+            rows.append(row)
+    return np.array(rows).reshape(-1, n + 9)
+
+
+def _free_rotation(structure: Structure) -> int | None:
+    """A displacement in the rotation that periodicity along one axis alone leaves to the constraints; else None."""
+    if sum(structure.periodic) != 1:
+        return None
+    axis = structure.periodic.index(True)
+    second, third = (axis + 1) % 3, (axis + 2) % 3
+    farthest = int(np.abs(structure.nodes[:, third] - structure.nodes[0, third]).argmax())
+    return 3 * farthest + second
+
+
+def build_rve(
+    parameters: CellParameters | None = None,
+    *,
+    bar_force: float,
+    blocks: tuple[int, int, int] = (1, 1, 1),
+    periodic: tuple[bool, bool, bool] = (True, True, False),
+    images: Images = "merged",
+    free: tuple[str, ...] = ("zz", "yz", "xz"),
+    options: NewtonOptions | None = None,
+) -> RVE:
+    """An RVE of 2x2x2-cell blocks with bar force f_b (N); by default one block of a sheet with free faces.
+
+    Raises:
+        InputError: an argument is not valid; the text names it.
+    """
+    parameters = parameters or CellParameters()
+    structure = lattice(box_cells(*(2 * n for n in blocks)), parameters, periodic=periodic, images=images)
+    return RVE(prestressed(structure, parameters, bar_force), free=free, options=options)

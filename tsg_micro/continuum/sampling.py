@@ -1,0 +1,192 @@
+"""Random strain-controlled loading paths through an RVE: the material data.
+
+A path is a straight line from the unstrained state to a random point on the boundary of a strain box. Its points
+lie at the fractions s_k = ((k - u_k) / n)^(1/d), u_k uniform in [0, 1), d the number of sampled components, which
+makes the data uniformly dense in the box instead of crowding around zero strain. Path p draws from its own random
+stream, seeded by (seed, p): the data do not depend on how many processes share the work.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tsg_micro.continuum.rve import RVE, RVEState
+from tsg_micro.data.dataset import Dataset, zero_components
+from tsg_micro.data.errors import ConvergenceError, InputError
+from tsg_micro.data.mandel import COMPONENTS, to_mandel
+
+__all__ = [
+    "BOXES",
+    "PathData",
+    "StrainBox",
+    "join_paths",
+    "sample_path",
+    "sample_paths",
+    "state_dataset",
+    "strain_path",
+]
+
+Array = NDArray[np.float64]
+SHEET = ("zz", "yz", "xz")
+
+
+@dataclass(frozen=True)
+class StrainBox:
+    """Ranges of tensor strain components; what is neither sampled nor free is held at zero."""
+
+    name: str
+    ranges: dict[str, tuple[float, float]]
+    """Component to (low, high), zero inside or on the boundary; shears are tensor components, half of gamma."""
+    free: tuple[str, ...] = SHEET
+    """Components without stress."""
+
+    def __post_init__(self) -> None:
+        for component, (low, high) in self.ranges.items():
+            if component not in COMPONENTS or component in self.free:
+                raise InputError(f"box {self.name}: expected a component that is not free, got {component!r}")
+            if not (low <= 0.0 <= high and low < high and np.isfinite([low, high]).all()):
+                raise InputError(f"box {self.name}, {component}: expected a range around zero, got [{low}, {high}]")
+
+
+BOXES = {
+    box.name: box
+    for box in (
+        StrainBox("stretch", {"xx": (-0.04, 0.0), "yy": (0.0, 0.08)}),  # paper, Section 4.2
+        StrainBox("shear", {"yy": (-0.1, 0.1), "xy": (0.0, 0.04)}),  # paper, Section 4.2: gamma up to 0.08
+        StrainBox("inplane", {"xx": (-0.06, 0.06), "yy": (-0.06, 0.08), "xy": (-0.04, 0.04)}),
+        StrainBox(
+            "full",
+            {name: (-0.06, 0.06) if name[0] == name[1] else (-0.03, 0.03) for name in COMPONENTS},
+            free=(),
+        ),
+    )
+}
+"""The named boxes: the paper's two, all in-plane strains, all six strains."""
+
+
+def strain_path(box: StrainBox, *, steps: int, seed: int, path: int) -> Array:
+    """Mandel strains (steps, 6) along loading path number ``path``."""
+    random = np.random.default_rng([seed, path])
+    low, high = np.array(list(box.ranges.values())).T
+    direction = random.uniform(low, high)
+    bound = np.where(direction < 0.0, low, high)
+    direction /= (direction / bound).max()
+    fractions = ((np.arange(1, steps + 1) - random.uniform(size=steps)) / steps) ** (1.0 / len(low))
+    strain = np.zeros((steps, 3, 3))
+    for component, value in zip(box.ranges, direction, strict=True):
+        a, b = ("xyz".index(axis) for axis in component)
+        strain[:, a, b] = strain[:, b, a] = fractions * value
+    return to_mandel(strain)
+
+
+@dataclass(frozen=True)
+class PathData:
+    """The k states that one path reached, as plain arrays, and why it was cut if it was."""
+
+    path: int
+    F: Array
+    """Deformation gradients (k, 3, 3)."""
+    first_piola: Array
+    """P (k, 3, 3), Pa."""
+    energy: Array
+    """Stored energy per reference volume (k,), J/m^3."""
+    tangent: Array
+    """d sym(P) / d strain (k, 6, 6), Pa."""
+    negative_pivots: int
+    """The most unstable directions that a recorded state has."""
+    failure: str | None
+    free: tuple[str, ...] = ()
+    """Strain components without stress."""
+
+
+def sample_path(rve: RVE, box: StrainBox, *, steps: int, seed: int, path: int) -> PathData:
+    """Follow one path; where the equilibrium is lost it is cut, with the reason."""
+    rve.reset()
+    states: list[RVEState] = []
+    failure = None
+    for strain in strain_path(box, steps=steps, seed=seed, path=path):
+        try:
+            states.append(rve.solve_strain(strain))
+        except ConvergenceError as error:
+            failure = str(error)
+            break
+    return PathData(
+        path=path,
+        F=np.array([state.F for state in states]).reshape(-1, 3, 3),
+        first_piola=np.array([state.first_piola for state in states]).reshape(-1, 3, 3),
+        energy=np.array([state.energy for state in states]),
+        tangent=np.array([state.tangent for state in states]).reshape(-1, 6, 6),
+        negative_pivots=max((state.equilibrium.negative_pivots or 0 for state in states), default=0),
+        failure=failure,
+        free=box.free,
+    )
+
+
+def sample_paths(
+    rve: RVE,
+    box: StrainBox,
+    *,
+    paths: Iterable[int],
+    steps: int,
+    seed: int,
+    progress: Callable[[], None] | None = None,
+) -> list[PathData]:
+    """Follow the paths of the given numbers; ``progress`` is called after each."""
+    done = []
+    for path in paths:
+        done.append(sample_path(rve, box, steps=steps, seed=seed, path=path))
+        if progress:
+            progress()
+    return done
+
+
+def join_paths(
+    paths: Iterable[PathData], *, seed: int, parameters: dict[str, Any], versions: dict[str, str]
+) -> Dataset:
+    """The data set of all states, in the order of the path numbers; its stress is the first Piola stress.
+
+    Components that were free and yet did not move are declared silent: by the symmetry of the RVE nothing drives them.
+    One that was held at zero is not, as the in-plane shear of the box "stretch".
+
+    Raises:
+        InputError: no state was reached at all.
+    """
+    ordered = sorted(paths, key=lambda data: data.path)
+    counts = [len(data.F) for data in ordered]
+    if not sum(counts):
+        reasons = "; ".join(sorted({data.failure for data in ordered if data.failure}))
+        raise InputError(f"paths: expected at least one state in equilibrium, got none ({reasons})")
+    found = state_dataset(
+        F=np.concatenate([data.F for data in ordered]),
+        first_piola=np.concatenate([data.first_piola for data in ordered]),
+        tangent=np.concatenate([data.tangent for data in ordered]),
+        energy=np.concatenate([data.energy for data in ordered]),
+        path=np.repeat([data.path for data in ordered], counts),
+        step=np.concatenate([np.arange(count) for count in counts]),
+        parameters=parameters,
+        versions=versions,
+        seed=seed,
+    )
+    free = set.intersection(*(set(data.free) for data in ordered))
+    return replace(found, silent=tuple(name for name in zero_components(found.strain, found.stress) if name in free))
+
+
+def state_dataset(*, F: Array, first_piola: Array, tangent: Array, energy: Array, **more: Any) -> Dataset:
+    """The data set of N RVE states: F (N, 3, 3), first Piola stress (N, 3, 3) in Pa, tangent (N, 6, 6) in Pa.
+
+    ``energy`` (N,) is in J/m^3; ``more`` are path, step and other fields of the data set.
+    """
+    return Dataset(
+        strain=to_mandel(F - np.eye(3)),
+        stress=to_mandel(first_piola),
+        stress_measure="first_piola",
+        tangent=tangent,
+        deformation_gradient=F,
+        energy=energy,
+        **more,
+    )

@@ -1,0 +1,1 @@
+"""What the scales hand to each other: Mandel map, stress measures, data sets, measured input, errors, files."""

@@ -1,0 +1,300 @@
+"""The material data set: pairs of strain and stress with all that is needed to trust and reuse them.
+
+One HDF5 schema (version 1). Root attributes: ``format`` = "tsgdd-dataset", ``schema``, ``stress_measure``,
+``seed``, ``parameters`` and ``versions`` (JSON). Arrays, N points, each with an attribute ``unit``:
+
+    strain (N,6) 1, stress (N,6) Pa              Mandel order xx, yy, zz, yz, xz, xy (tsg_micro.data.mandel)
+    path (N) 1, step (N) 1                       which loading path, and which step along it
+    tangent (N,6,6) Pa                 optional  d stress / d strain, all six strains prescribed
+    deformation_gradient (N,3,3) 1     optional  F, needed to change the stress measure
+    energy (N) J/m^3                   optional  stored energy per reference volume
+    midpoint (N,3) m                   optional  where each point was read off, for block means of a structure
+
+The attribute ``silent`` (JSON, none if it is not there) names strain components that the data say nothing about.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from tsg_micro.data.errors import InputError
+from tsg_micro.data.files import atomic_path
+from tsg_micro.data.mandel import COMPONENTS
+from tsg_micro.data.stress import check_measure, convert_stress, convert_tangent
+
+__all__ = [
+    "Dataset",
+    "append_dataset",
+    "convert_dataset",
+    "join_datasets",
+    "read_dataset",
+    "take",
+    "write_dataset",
+    "zero_components",
+]
+
+Array = NDArray[np.float64]
+FORMAT, SCHEMA = "tsgdd-dataset", 1
+UNITS = {
+    "strain": "1",
+    "stress": "Pa",
+    "path": "1",
+    "step": "1",
+    "tangent": "Pa",
+    "deformation_gradient": "1",
+    "energy": "J/m^3",
+    "midpoint": "m",
+}
+_SHAPES: dict[str, tuple[int, ...]] = {
+    "strain": (6,),
+    "stress": (6,),
+    "path": (),
+    "step": (),
+    "tangent": (6, 6),
+    "deformation_gradient": (3, 3),
+    "energy": (),
+    "midpoint": (3,),
+}
+_REQUIRED = ("strain", "stress", "path", "step")
+_ROUND_OFF = 1e-9  # of the largest strain or stress
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Material data: Mandel strain (N,6) and stress (N,6) in Pa, and where they come from.
+
+    The strain is the symmetric displacement gradient (small strain); ``stress_measure`` names the stress.
+
+    A component in ``silent``, among xx, yy, zz, yz, xz, xy, has zero strain and zero stress at all points because
+    nothing drove it, as the out-of-plane shear of a free sheet. The points say nothing of what it would do to the
+    stress, so it does not count in a metric (dd_macro.Metric); tangents may say it. Round-off in it is set to zero. The
+    zz of a free sheet is not silent: its strain tells how the sheet thins.
+
+    Raises:
+        InputError: on construction, where a shape, a value (NaN, infinity) or the measure is not valid, or a component
+            declared silent is unknown or not zero.
+    """
+
+    strain: Array
+    stress: Array
+    stress_measure: str
+    path: NDArray[np.int64]
+    step: NDArray[np.int64]
+    tangent: Array | None = None
+    deformation_gradient: Array | None = None
+    energy: Array | None = None
+    midpoint: Array | None = None
+    silent: tuple[str, ...] = ()
+    parameters: dict[str, Any] = field(default_factory=dict)
+    versions: dict[str, str] = field(default_factory=dict)
+    seed: int | None = None
+
+    def __post_init__(self) -> None:
+        check_measure(self.stress_measure)
+        n = len(self.strain)
+        if n == 0:
+            raise InputError("data set: expected at least one point, got none")
+        for name, array in self.arrays().items():
+            expected = (n, *_SHAPES[name])
+            if array.shape != expected:
+                raise InputError(f"data set, {name}: expected shape {expected}, got {array.shape}")
+            if np.iscomplexobj(array):
+                raise InputError(f"data set, {name}: expected real numbers, got complex ones")
+            bad = np.flatnonzero(~np.isfinite(array).reshape(n, -1).all(axis=1))
+            if bad.size:
+                raise InputError(
+                    f"data set, {name}: expected finite numbers, got NaN or infinity at {bad.size} points "
+                    f"(first at index {bad[0]})"
+                )
+        if self.deformation_gradient is not None and not (np.linalg.det(self.deformation_gradient) > 0.0).all():
+            raise InputError("data set, deformation_gradient: expected det F > 0 at every point")
+        for name in ("parameters", "versions"):
+            if not isinstance(getattr(self, name), dict):
+                raise InputError(f"data set, {name}: expected names and values, got {getattr(self, name)!r}")
+        self._check_silent()
+
+    def _check_silent(self) -> None:
+        """Raise InputError where what is declared silent is not, and set round-off to zero."""
+        unknown = [name for name in self.silent if name not in COMPONENTS]
+        if unknown or len(set(self.silent)) != len(self.silent) or len(self.silent) == len(COMPONENTS):
+            raise InputError(
+                f"data set, silent: expected components among {', '.join(COMPONENTS)}, each once and not all of them, "
+                f"got {', '.join(map(str, self.silent))}"
+            )
+        if not self.silent:
+            return
+        zero = zero_components(self.strain, self.stress)
+        for name in self.silent:
+            if name not in zero:
+                i = COMPONENTS.index(name)
+                raise InputError(
+                    f"data set, silent: expected zero strain and stress in {name} at every point, got up to "
+                    f"{np.abs(self.strain[:, i]).max():.3g} and {np.abs(self.stress[:, i]).max():.3g} Pa"
+                )
+        for name in ("strain", "stress"):
+            array = np.array(getattr(self, name))
+            array[:, ~self.counted] = 0.0
+            object.__setattr__(self, name, array)
+        object.__setattr__(self, "silent", tuple(name for name in COMPONENTS if name in self.silent))
+
+    def __len__(self) -> int:
+        return len(self.strain)
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Mask (6,) of the components that are not silent."""
+        return np.array([name not in self.silent for name in COMPONENTS])
+
+    @property
+    def sources(self) -> list[dict[str, Any]]:
+        """The parameters of the runs that the data are from."""
+        return list(self.parameters.get("joined", [self.parameters]))
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The arrays that are there, by name."""
+        return {name: getattr(self, name) for name in UNITS if getattr(self, name) is not None}
+
+
+def zero_components(strain: Array, stress: Array) -> tuple[str, ...]:
+    """Components in which strain (N, 6) and stress (N, 6) are zero at all points, but for round-off."""
+    small = (np.abs(strain).max(axis=0) <= max(_ROUND_OFF * np.abs(strain).max(), 1e-12)) & (
+        np.abs(stress).max(axis=0) <= _ROUND_OFF * np.abs(stress).max()
+    )
+    return tuple(name for name, zero in zip(COMPONENTS, small, strict=True) if zero)
+
+
+def write_dataset(path: str | Path, dataset: Dataset) -> None:
+    """Write ``dataset`` to the HDF5 file ``path``, whole or not at all."""
+    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs["format"] = FORMAT
+        file.attrs["schema"] = SCHEMA
+        file.attrs["stress_measure"] = dataset.stress_measure
+        file.attrs["parameters"] = json.dumps(dataset.parameters)
+        file.attrs["versions"] = json.dumps(dataset.versions)
+        if dataset.silent:
+            file.attrs["silent"] = json.dumps(dataset.silent)
+        if dataset.seed is not None:
+            file.attrs["seed"] = dataset.seed
+        for name, array in dataset.arrays().items():
+            file.create_dataset(name, data=array).attrs["unit"] = UNITS[name]
+
+
+def read_dataset(path: str | Path) -> Dataset:
+    """Read and validate a data set.
+
+    Raises:
+        InputError: the file is missing, not HDF5, of another format or schema, in other units, or incomplete.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"data set {path}: no such file")
+    try:
+        file = h5py.File(path, "r")
+    except OSError:
+        raise InputError(f"data set {path}: expected an HDF5 file, but it cannot be read as one") from None
+    with file:
+        try:
+            return _parse(file)
+        except InputError as error:
+            raise InputError(f"data set {path}: {error}") from None
+        except (KeyError, OSError, TypeError, ValueError) as error:  # ours by its format, but damaged inside
+            raise InputError(f"data set {path}: damaged ({' '.join(str(error).split())})") from None
+
+
+def _parse(file: h5py.File) -> Dataset:
+    """The data set in an open file; any error of h5py, NumPy or JSON means that it is damaged."""
+    found = file.attrs.get("format")
+    if str(found) != FORMAT:
+        raise InputError(f"expected the HDF5 attribute format={FORMAT!r}, got {found!r}")
+    if file.attrs.get("schema") != SCHEMA:
+        raise InputError(f"expected schema {SCHEMA}, got {file.attrs.get('schema')}")
+    missing = [name for name in _REQUIRED if name not in file]
+    if missing:
+        raise InputError(f"expected the arrays {', '.join(_REQUIRED)}, {missing[0]} is missing")
+    arrays = {}
+    for name in UNITS:
+        if name not in file:
+            continue
+        stored = file[name]
+        if not (isinstance(stored, h5py.Dataset) and stored.ndim > 0 and np.issubdtype(stored.dtype, np.number)):
+            raise InputError(f"{name}: expected an array of numbers, got {stored!r}")
+        unit = stored.attrs.get("unit")
+        if unit != UNITS[name]:
+            raise InputError(f"{name}: expected the unit {UNITS[name]!r}, got {unit!r}")
+        arrays[name] = stored[()]
+    seed = file.attrs.get("seed")
+    return Dataset(
+        **arrays,
+        stress_measure=str(file.attrs.get("stress_measure")),
+        parameters=json.loads(file.attrs.get("parameters", "{}")),
+        versions=json.loads(file.attrs.get("versions", "{}")),
+        silent=tuple(json.loads(file.attrs.get("silent", "[]"))),
+        seed=None if seed is None else int(seed),
+    )
+
+
+def take(dataset: Dataset, index: NDArray[Any]) -> Dataset:
+    """The points ``index`` (integers or a mask) of ``dataset``, in that order."""
+    return dataclasses.replace(dataset, **{name: array[index] for name, array in dataset.arrays().items()})
+
+
+def join_datasets(first: Dataset, second: Dataset) -> Dataset:
+    """Both sets as one; arrays that only one of them has are dropped, paths of the second are renumbered.
+
+    What is silent in both stays silent.
+
+    Raises:
+        InputError: they hold different stress measures.
+    """
+    if first.stress_measure != second.stress_measure:
+        raise InputError(
+            f"data sets to join: expected one stress measure, got {first.stress_measure} and {second.stress_measure}"
+        )
+    a, b = first.arrays(), second.arrays()
+    b["path"] = b["path"] + (a["path"].max() + 1)
+    joined: dict[str, Any] = {
+        name: np.concatenate([a[name], b[name]]) if name in a and name in b else None for name in UNITS
+    }
+    seed = first.seed if first.seed == second.seed else None
+    silent = tuple(name for name in first.silent if name in second.silent)
+    sources = {"joined": [*first.sources, *second.sources]}
+    return dataclasses.replace(first, **joined, silent=silent, parameters=sources, seed=seed)
+
+
+def append_dataset(path: str | Path, dataset: Dataset) -> Dataset:
+    """Add ``dataset`` to the file ``path``, or make it, and return all it holds now; it changes whole or not at all."""
+    path = Path(path)
+    stored = join_datasets(read_dataset(path), dataset) if path.exists() else dataset
+    write_dataset(path, stored)
+    return stored
+
+
+def convert_dataset(dataset: Dataset, measure: str) -> Dataset:
+    """The same data with the stress (and tangent) as ``measure``, from the F of every point.
+
+    Raises:
+        InputError: the measure is unknown, or the data hold another one and no deformation gradient.
+    """
+    check_measure(measure)
+    if measure == dataset.stress_measure:
+        return dataset
+    F = dataset.deformation_gradient
+    if F is None:
+        raise InputError(
+            f"stress measure: the data hold {dataset.stress_measure} and no deformation gradient, "
+            f"so {measure} cannot be computed"
+        )
+    source = dataset.stress_measure
+    tangent = dataset.tangent
+    if tangent is not None:
+        tangent = convert_tangent(tangent, dataset.stress, F, source, measure)
+    stress = convert_stress(dataset.stress, F, source, measure)
+    return dataclasses.replace(dataset, stress=stress, tangent=tangent, stress_measure=measure)

@@ -1,0 +1,223 @@
+"""Measured strain and stress from a CSV file, with every column and its unit declared by the reader.
+
+A component is named by its tensor entry: ``eps_xx`` .. ``eps_xy`` (tensor strain), ``gamma_yz`` .. ``gamma_xy``
+(engineering shear, gamma = 2 eps) and ``sigma_xx`` .. ``sigma_xy``, in the order of the Mandel vector. The first line
+of the file holds the headers; cells are parted by commas, semicolons or tabs.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tsg_micro.data.dataset import Dataset
+from tsg_micro.data.errors import InputError
+from tsg_micro.data.mandel import COMPONENTS, to_mandel
+from tsg_micro.data.stress import check_measure
+
+__all__ = ["STRAIN_UNITS", "STRESS_UNITS", "Column", "read_csv", "read_headers", "read_numbers"]
+
+Array = NDArray[np.float64]
+
+STRAIN_UNITS = {"1": 1.0, "%": 1e-2, "mm/m": 1e-3, "um/m": 1e-6}
+"""Factors to 1."""
+STRESS_UNITS = {
+    "Pa": 1.0,
+    "kPa": 1e3,
+    "MPa": 1e6,
+    "GPa": 1e9,
+    "N/mm^2": 1e6,
+    "uN/mm^2": 1.0,
+    "nN/um^2": 1e3,
+    "pN/um^2": 1.0,
+    "dyn/cm^2": 0.1,
+}
+"""Factors to Pa."""
+
+_ENTRIES = [f"{quantity}_{ij}" for quantity in ("eps", "sigma") for ij in COMPONENTS]
+_GAMMA = {f"gamma_{ij}": f"eps_{ij}" for ij in COMPONENTS[3:]}
+_COUNTERS = ("path", "step")
+
+
+@dataclass(frozen=True)
+class Column:
+    """Where a component stands in the file: the header of its column, and the unit of the numbers below."""
+
+    header: str
+    unit: str
+
+
+def read_csv(
+    path: str | Path,
+    *,
+    columns: Mapping[str, Column],
+    zero: Collection[str] = (),
+    silent: Collection[str] = (),
+    stress_measure: str,
+    versions: Mapping[str, str] | None = None,
+) -> Dataset:
+    """Read measured data; each line of the file is one point.
+
+    All six strains and six stresses must be accounted for: nothing is taken as 0 that is not declared so.
+
+    Args:
+        path: of the CSV file, UTF-8.
+        columns: component name -> column. ``path`` and ``step`` (whole numbers, unit "1") are optional; without
+            them all points are of path 0, and the step counts the lines.
+        zero: components that are 0 at all points, as three stresses in plane stress.
+        silent: names among xx .. xy whose strain and stress are 0 because nothing drove them (tsg_micro.data.dataset).
+        stress_measure: what the stresses are, one of tsg_micro.data.stress.MEASURES. For first_piola, whose tensor is
+            not symmetric, a shear is the mean of its two entries.
+        versions: of the software, to be recorded.
+
+    Raises:
+        InputError: a name or unit is unknown, a component is declared twice or not at all, the file is missing or
+            empty, a column is not there, a cell is no finite number, a strain is beyond 1, or a silent component is
+            not zero.
+    """
+    path = Path(path)
+    check_measure(stress_measure)
+    _check_declared(columns, zero)
+    values = read_numbers(path, columns)
+    count = len(values["line"])
+
+    tensors = {"eps": np.zeros((count, 3, 3)), "sigma": np.zeros((count, 3, 3))}
+    for name, column in columns.items():
+        if name in _COUNTERS:
+            continue
+        quantity, ij = _GAMMA.get(name, name).split("_")
+        factor = (STRESS_UNITS if quantity == "sigma" else STRAIN_UNITS)[column.unit]
+        entry = values[name] * (0.5 * factor if name in _GAMMA else factor)
+        if quantity == "eps":
+            _check_strain(path, column, entry, values[name], values["line"])
+        i, j = ("xyz".index(letter) for letter in ij)
+        tensors[quantity][:, i, j] = tensors[quantity][:, j, i] = entry
+    return Dataset(
+        strain=to_mandel(tensors["eps"]),
+        stress=to_mandel(tensors["sigma"]),
+        stress_measure=stress_measure,
+        path=values["path"].astype(np.int64) if "path" in columns else np.zeros(count, dtype=np.int64),
+        step=values["step"].astype(np.int64) if "step" in columns else np.arange(count),
+        silent=tuple(silent),
+        parameters={
+            "measured": path.name,
+            "columns": {name: asdict(column) for name, column in columns.items()},
+            "zero": sorted(zero),
+        },
+        versions=dict(versions or {}),
+    )
+
+
+def _check_declared(columns: Mapping[str, Column], zero: Collection[str]) -> None:
+    """Every strain and stress once, under a known name and in a known unit."""
+    known = [*_ENTRIES, *_GAMMA]
+    for name in columns:
+        if name not in known and name not in _COUNTERS:
+            raise InputError(f"columns: expected names among {', '.join([*known, *_COUNTERS])}, got {name!r}")
+    for name in zero:
+        if name not in known:
+            raise InputError(f"zero: expected names among {', '.join(known)}, got {name!r}")
+    for name, column in columns.items():
+        units = {"1": 1.0} if name in _COUNTERS else STRESS_UNITS if name.startswith("sigma") else STRAIN_UNITS
+        if column.unit not in units:
+            raise InputError(f"unit of {name}: expected one of {', '.join(units)}, got {column.unit!r}")
+    declared: dict[str, str] = {}
+    for name in [*columns, *zero]:
+        entry = _GAMMA.get(name, name)
+        if entry in declared:
+            raise InputError(f"component {entry}: expected one declaration, got {declared[entry]} and {name}")
+        declared[entry] = name
+    missing = [entry for entry in _ENTRIES if entry not in declared]
+    if missing:
+        raise InputError(f"components {', '.join(missing)}: expected a column, or a declaration as zero, got neither")
+
+
+def read_numbers(path: Path, columns: Mapping[str, Column]) -> dict[str, Array]:
+    """The declared columns as they stand in the file, and the number of each point's ``line``.
+
+    Raises:
+        InputError: the file is missing or empty, a column is not there, or a cell is no finite number.
+    """
+    headers, delimiter = read_headers(path)
+    place = {name: _place(path, headers, column.header) for name, column in columns.items()}
+    values: dict[str, list[float]] = {name: [] for name in (*columns, "line", *_COUNTERS)}
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            file.readline()
+            reader = csv.reader(file, delimiter=delimiter)
+            for row in reader:
+                if not any(cell.strip() for cell in row):
+                    continue
+                line = reader.line_num + 1
+                if len(row) != len(headers):
+                    raise InputError(f"CSV file {path}, line {line}: expected {len(headers)} cells, got {len(row)}")
+                for name, at in place.items():
+                    where = f"CSV file {path}, line {line}, column {headers[at]!r}"
+                    values[name].append(_number(row[at], where, whole=name in _COUNTERS))
+                values["line"].append(line)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise _unreadable(path, error) from None
+    if not values["line"]:
+        raise InputError(f"CSV file {path}: expected lines of numbers below the headers, got none")
+    return {name: np.array(numbers) for name, numbers in values.items()}
+
+
+def read_headers(path: Path) -> tuple[list[str], str]:
+    """Headers in the first line of a CSV file, and what parts its cells.
+
+    Raises:
+        InputError: the file is missing, is no text, or its first line is empty.
+    """
+    if not path.is_file():
+        raise InputError(f"CSV file {path}: no such file")
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            first = file.readline()
+        delimiter = max(",;\t", key=first.count)
+        headers = [cell.strip() for cell in next(csv.reader([first], delimiter=delimiter), [])]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise _unreadable(path, error) from None
+    if not any(headers):
+        raise InputError(f"CSV file {path}: expected column headers in line 1, got an empty line")
+    return headers, delimiter
+
+
+def _unreadable(path: Path, error: Exception) -> InputError:
+    return InputError(f"CSV file {path}: expected a text file in UTF-8, but it cannot be read ({error})")
+
+
+def _place(path: Path, headers: list[str], header: str) -> int:
+    """Which column of the file has ``header``."""
+    count = headers.count(header)
+    if count != 1:
+        found = "no such column" if count == 0 else f"{count} of them"
+        raise InputError(f"CSV file {path}: expected a column {header!r}, got {found} among {', '.join(headers)}")
+    return headers.index(header)
+
+
+def _number(cell: str, where: str, *, whole: bool) -> float:
+    expected = "a whole number from 0" if whole else "a finite number"
+    try:
+        value = float(cell)
+    except ValueError:
+        raise InputError(f"{where}: expected {expected}, got {cell!r}") from None
+    if not math.isfinite(value) or (whole and (value < 0 or value != int(value))):
+        raise InputError(f"{where}: expected {expected}, got {cell.strip()!r}")
+    return value
+
+
+def _check_strain(path: Path, column: Column, strain: Array, given: Array, line: Array) -> None:
+    """Strains beyond 1 are no small strains: most often percents that were declared as plain numbers."""
+    at = int(np.abs(strain).argmax())
+    if abs(strain[at]) > 1.0:
+        hint = "; the unit is probably '%'" if column.unit == "1" else ""
+        raise InputError(
+            f"CSV file {path}, line {line[at]:.0f}, column {column.header!r}: expected strains within -1 and 1, "
+            f"got {given[at]:g} in the unit {column.unit!r}{hint}"
+        )

@@ -1,0 +1,1 @@
+"""From loads to displacement: members, pressure, Newton, load path, linear solvers."""

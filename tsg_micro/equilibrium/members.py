@@ -1,0 +1,165 @@
+"""Exact energy, force and tangent of a structure's members.
+
+Each member has the vector d = D y + d_ref, linear in the unknowns y = (nodal displacements, macroscopic
+displacement gradient H); H moves only members that end at a periodic image. With length l = |d| the energy is
+EA (l - l0)^2 / (2 l0), the force t = EA (l - l0) / l0, the force density q = t / l, and the tangent of t d / l is
+q 1 + (EA / l0 - q) n (x) n: K_G + K_E of the paper's Section 2.1, exact and symmetric.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from tsg_micro.cells.structure import Structure, member_vectors
+
+__all__ = ["MACRO", "MemberState", "MemberSystem", "NodalPattern"]
+
+Array = NDArray[np.float64]
+MACRO = 9
+"""Number of macroscopic unknowns: H row by row."""
+
+
+@dataclass(frozen=True)
+class MemberState:
+    """Members at one point y."""
+
+    vector: Array
+    """Member vectors d (m, 3), m."""
+    length: Array
+    """Lengths (m,), m."""
+    force: Array
+    """Forces t (m,), tension positive, N."""
+    stiffness: Array
+    """EA / l0 (m,), N/m; 0 in a slack tendon."""
+
+    @property
+    def force_density(self) -> Array:
+        """q = t / l (m,), N/m."""
+        return self.force / self.length
+
+
+class MemberSystem:
+    """The members of a structure as functions of y: (3n,) displacements in m, then the 9 entries of H.
+
+    With ``slack`` the tendons carry no compression.
+    """
+
+    def __init__(self, structure: Structure, *, slack: bool = False) -> None:
+        n, m = len(structure.nodes), len(structure.members)
+        self.structure = structure
+        self.reference = member_vectors(structure)
+        self.rest_length = structure.rest_length
+        self.may_slacken = ~structure.bars & slack
+        self.nodal_size = 3 * n
+        self.size = self.nodal_size + MACRO
+        self.pairs = np.zeros((0, 2), dtype=np.int64)
+        """Nodes (p, 2) that something else than a member couples, the lower number first."""
+        self.pressure = 0.0
+        """On the surface, Pa; a system without one has none."""
+
+        axes = np.arange(3)
+        row = (3 * np.arange(m)[:, None] + axes).ravel()
+        i, j = ((3 * structure.members[:, end, None] + axes).ravel() for end in (0, 1))
+        jump = structure.shift * structure.size  # reference vector to the image
+        at = np.flatnonzero(jump.any(axis=1))
+        # d_alpha += sum_beta H[alpha, beta] jump_beta
+        macro_row = np.repeat((3 * at[:, None] + axes).ravel(), 3)
+        macro_column = np.tile(self.nodal_size + np.arange(MACRO), len(at))
+        macro_value = np.broadcast_to(jump[at, None, :], (len(at), 3, 3)).ravel()
+        ones = np.ones(3 * m)
+        self.D = sp.csr_array(
+            (
+                np.concatenate([-ones, ones, macro_value]),
+                (np.concatenate([row, row, macro_row]), np.concatenate([i, j, macro_column])),
+            ),
+            shape=(3 * m, self.size),
+        )
+        self.DT = self.D.T.tocsr()
+
+    def state(self, y: Array) -> MemberState:
+        """Vectors, lengths, forces and stiffness of the members at y."""
+        d = self.reference + (self.D @ y).reshape(-1, 3)
+        length = np.sqrt(np.einsum("ij,ij->i", d, d))
+        stiffness = self.structure.EA / self.rest_length
+        if self.may_slacken.any():
+            stiffness = np.where(self.may_slacken & (length < self.rest_length), 0.0, stiffness)
+        return MemberState(d, length, stiffness * (length - self.rest_length), stiffness)
+
+    def energy(self, state: MemberState) -> float:
+        """Stored energy, J."""
+        return float(0.5 * np.dot(state.force, state.length - self.rest_length))
+
+    def gradient(self, state: MemberState) -> Array:
+        """Derivative of the energy by y (3n + 9,): nodal forces in N, then V0 P in J."""
+        return np.asarray(self.DT @ (state.force_density[:, None] * state.vector).ravel())
+
+    def tangent_product(self, state: MemberState, directions: Array) -> Array:
+        """Second derivative of the energy times ``directions`` (3n + 9, k)."""
+        q, n = state.force_density, state.vector / state.length[:, None]
+        change = (self.D @ directions).reshape(len(q), 3, -1)
+        along = np.einsum("ma,mak->mk", n, change)
+        change = q[:, None, None] * change + ((state.stiffness - q)[:, None] * along)[:, None, :] * n[:, :, None]
+        return np.asarray(self.DT @ change.reshape(3 * len(q), -1))
+
+    def member_blocks(self, state: MemberState) -> Array:
+        """Member tangents q 1 + (EA/l0 - q) n (x) n (m, 9), N/m."""
+        q, n = state.force_density, state.vector / state.length[:, None]
+        blocks = (state.stiffness - q)[:, None, None] * n[:, :, None] * n[:, None, :]
+        blocks[:, [0, 1, 2], [0, 1, 2]] += q[:, None]
+        return blocks.reshape(-1, 9)
+
+    def pair_blocks(self, state: MemberState) -> Array:
+        """What ``pairs`` add to the tangent (p, 9), N/m: second derivatives by the first node and the second."""
+        return np.zeros((len(self.pairs), 9))
+
+
+class NodalPattern:
+    """The free-free part of the nodal tangent as upper-triangular CSR, its pattern worked out once."""
+
+    def __init__(self, structure: Structure, free: NDArray[np.bool_], pairs: NDArray[np.int64] | None = None) -> None:
+        """``free`` (3n,) marks the displacements that are unknown, ``pairs`` (p, 2) couples further nodes."""
+        pairs = np.zeros((0, 2), dtype=np.int64) if pairs is None else pairs
+        n, m, p = len(structure.nodes), len(structure.members), len(pairs)
+        i, j = structure.members.min(axis=1), structure.members.max(axis=1)
+        off = i != j
+        wanted = [np.arange(n) * (n + 1), i[off] * n + j[off], pairs[:, 0] * n + pairs[:, 1]]
+        keys, place = np.unique(np.concatenate(wanted), return_inverse=True)
+        diagonal, pair, further = place[:n], place[n : len(place) - p], place[len(place) - p :]
+        # sum of member blocks into node-pair blocks: + on both diagonals, - on the pair; further blocks as they are
+        member = np.arange(m)[off]
+        self._sum = sp.csr_array(
+            (
+                np.concatenate([np.ones(2 * len(member)), -np.ones(len(member)), np.ones(p)]),
+                (
+                    np.concatenate([diagonal[i[off]], diagonal[j[off]], pair, further]),
+                    np.concatenate([np.tile(member, 3), m + np.arange(p)]),
+                ),
+            ),
+            shape=(len(keys), m + p),
+        )
+        number = np.full(3 * n, -1, dtype=np.int64)
+        number[free] = np.arange(free.sum())
+        node_i, node_j = keys // n, keys % n
+        entry = np.arange(9)
+        row = number[3 * node_i[:, None] + entry // 3]
+        column = number[3 * node_j[:, None] + entry % 3]
+        keep = (row >= 0) & (column >= 0) & ((node_i != node_j)[:, None] | (column >= row))
+        source = np.flatnonzero(keep.ravel())
+        row, column = row.ravel()[source], column.ravel()[source]
+        order = np.lexsort((column, row))
+        self._source = source[order]
+        self.size = int(free.sum())
+        self.indices = column[order].astype(np.int32)
+        self.indptr = np.searchsorted(row[order], np.arange(self.size + 1)).astype(np.int32)
+        self.diagonal = self.indptr[:-1]
+        """Where each row's diagonal entry sits (the first of its row)."""
+
+    def assemble(self, member_blocks: Array, pair_blocks: Array | None = None) -> Array:
+        """Values (nnz,) of the upper triangle from member tangents (m, 9) and blocks of the pairs (p, 9), N/m."""
+        if pair_blocks is not None:
+            member_blocks = np.concatenate([member_blocks, pair_blocks])
+        return np.asarray((self._sum @ member_blocks).ravel()[self._source])

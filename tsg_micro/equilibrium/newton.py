@@ -1,0 +1,300 @@
+"""Newton's method on the exact energy at one load: line search, elongation limit, descent where indefinite.
+
+The unknowns are the free nodal displacements x and a small border z: free macroscopic unknowns, and multipliers of
+linear constraints A y = b. Only the nodal matrix K is factorised; the border is eliminated through its Schur
+complement, and the inertia of the whole is that of K plus that of the complement.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tsg_micro.data.errors import ConvergenceError, InputError
+from tsg_micro.equilibrium.linear_solvers import Choice, SymmetricSolver, choose_backend, make_solver
+from tsg_micro.equilibrium.members import MACRO, MemberState, MemberSystem, NodalPattern
+from tsg_micro.equilibrium.tangent import Border, Tangent, lowest_ritz
+
+__all__ = ["Converged", "Iteration", "NewtonOptions", "NewtonSolver"]
+
+Array = NDArray[np.float64]
+_MOST_MODES, _LANCZOS_STEPS = 12, 60
+
+
+@dataclass(frozen=True)
+class NewtonOptions:
+    """When an equilibrium is good enough, and how far one iteration may go."""
+
+    tolerance: float = 1e-10
+    """Largest out-of-balance force over the mean member force."""
+    max_iterations: int = 100
+    """Few are needed but on the way out of an unstable equilibrium, down a narrow valley of the energy."""
+    max_elongation: float = 0.02
+    """Largest change of a member's length in one iteration, over its length."""
+    smallest_part: float = 1.0 / 256.0
+    """Of a load step, below which the equilibrium counts as lost."""
+    linear_solver: str = "auto"
+
+    def __post_init__(self) -> None:
+        for name in ("tolerance", "max_elongation", "max_iterations", "smallest_part"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"{name}: expected a positive number, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """One Newton iteration; ``load`` is the fraction of the load step that it belongs to."""
+
+    load: float
+    residual: float
+    """Largest out-of-balance force over the mean member force, before the iteration."""
+    step_length: float
+    shift: float
+    """Multiple of the unit matrix added to K, N/m."""
+    negative_pivots: int
+    """Of K before any shift."""
+    energy: float
+
+
+@dataclass(frozen=True)
+class Converged:
+    """An equilibrium: the point, its members, and the price."""
+
+    y: Array
+    state: MemberState
+    gradient: Array
+    multipliers: Array
+    residual: float
+    iterations: int
+    tangent: Tangent | None
+    """The factorised tangent at y, where it was asked for."""
+
+
+class NewtonSolver:
+    """Newton for one set of free unknowns: its pattern, ordering and history live on between loads."""
+
+    def __init__(
+        self, system: MemberSystem, free: NDArray[np.bool_], *, border: Border | None, options: NewtonOptions
+    ) -> None:
+        self.system = system
+        self.free = np.flatnonzero(free)
+        self.border = border or Border(np.zeros((MACRO, 0)), np.zeros((0, system.size)))
+        self.options = options
+        self.pattern = NodalPattern(system.structure, free, system.pairs)
+        self.choice: Choice = choose_backend(self.pattern.size, options.linear_solver)
+        self.solver: SymmetricSolver = make_solver(self.pattern.indptr, self.pattern.indices, self.choice.backend)
+        self.factorisations = 0
+        m = system.nodal_size
+        a = self.border.constraint
+        self._lever = np.concatenate([a[:, self.free].T, (a[:, m:] @ self.border.macro).T, np.zeros((len(a), len(a)))])
+        self._macro_directions = np.zeros((system.size, self.border.macro.shape[1]))
+        self._macro_directions[m:] = self.border.macro
+
+    def tangent(self, state: MemberState, *, shift: float = 0.0) -> Tangent:
+        """Factor the tangent at ``state``, with ``shift`` added to its diagonal."""
+        values = self.pattern.assemble(self.system.member_blocks(state), self.system.pair_blocks(state))
+        if shift:
+            values[self.pattern.diagonal] += shift
+        if self.border.held is not None:
+            held = np.searchsorted(self.free, self.border.held)
+            values[self.pattern.diagonal[held]] += 1e-8 * np.abs(values[self.pattern.diagonal]).mean()
+        factor = self.solver.factorise(values)
+        self.factorisations += 1
+        k, c = self.border.macro.shape[1], len(self.border.constraint)
+        coupling = np.zeros((self.pattern.size, k + c))
+        schur = np.zeros((k + c, k + c))
+        negative = factor.negative_pivots
+        if k + c == 0:
+            return Tangent(factor, coupling, coupling, schur, negative)
+        if k:
+            product = self.system.tangent_product(state, self._macro_directions)
+            coupling[:, :k] = product[self.free]
+            schur[:k, :k] = self._macro_directions.T @ product
+        if c:
+            coupling[:, k:] = self.border.constraint[:, self.free].T
+            schur[k:, :k] = self.border.constraint[:, self.system.nodal_size :] @ self.border.macro
+            schur[:k, k:] = schur[k:, :k].T
+        solved = factor.solve(coupling)
+        schur -= coupling.T @ solved
+        # on the constrained unknowns: each multiplier takes one negative eigenvalue of the bordered matrix
+        negative += int((np.linalg.eigvalsh(schur) < 0.0).sum()) - c
+        return Tangent(factor, coupling, solved, schur, negative)
+
+    def _residual(self, y: Array, gradient: Array, force: Array, multipliers: Array) -> tuple[Array, Array]:
+        """Out-of-balance forces on the free nodal unknowns and on the border, and what the constraints lack of zero."""
+        m = self.system.nodal_size
+        balance = gradient + self.border.constraint.T @ multipliers
+        nodal = force - balance[:m]
+        macro = -self.border.macro.T @ balance[m:]
+        return nodal[self.free], np.concatenate([macro, -self.border.constraint @ y])
+
+    def _measure(self, nodal: Array, rest: Array, state: MemberState) -> float:
+        """Residual relative to the mean member force; the macroscopic part is divided by the box size.
+
+        A constraint that is off by 1e-12 of the box counts like a force that is off by the tolerance.
+        """
+        scale, length = np.abs(state.force).mean(), self.system.structure.size.max()
+        macro, drift = np.split(rest, [self.border.macro.shape[1]])
+        largest = max(np.abs(nodal).max(initial=0.0), np.abs(macro).max(initial=0.0) / length)
+        relative = largest / scale if scale > 0.0 else float(largest > 0.0)
+        return float(max(relative, self.options.tolerance * np.abs(drift).max(initial=0.0) / (1e-12 * length)))
+
+    def solve(
+        self, y: Array, force: Array, *, load: float, history: list[Iteration], stable: bool = False
+    ) -> Converged:
+        """Equilibrium near ``y`` (3n + 9,) under nodal forces (3n,); prescribed entries of y stay as they are.
+
+        Where the tangent is indefinite the iteration leaves along its lowest mode, downhill in energy. With
+        ``stable`` that holds for equilibria too: one whose tangent has negative pivots is left, unless the motion is
+        neutral, that is, changes no energy.
+
+        Raises:
+            ConvergenceError: not within ``max_iterations``, or a step that could not be shortened enough.
+        """
+        system = self.system
+        y = y.copy()
+        multipliers = np.zeros(len(self.border.constraint))
+        state = system.state(y)
+        gradient = system.gradient(state)
+        for iteration in range(self.options.max_iterations + 1):
+            nodal, rest = self._residual(y, gradient, force, multipliers)
+            if len(multipliers):  # those that balance the present forces best
+                multipliers = np.linalg.lstsq(self._lever, np.concatenate([nodal, rest]), rcond=None)[0] + multipliers
+                nodal, rest = self._residual(y, gradient, force, multipliers)
+            pull = np.append(force, np.zeros(MACRO)) - self.border.constraint.T @ multipliers
+            residual = self._measure(nodal, rest, state)
+            if not np.isfinite(residual):
+                raise ConvergenceError("equilibrium: the residual is not finite", history)
+            if residual <= self.options.tolerance:
+                tangent = self.tangent(state) if stable else None
+                modes = self._unstable_modes(tangent) if tangent else []
+                left = self._leave_saddle(y, modes, pull)
+                if left is y:
+                    return Converged(y, state, gradient, multipliers, residual, iteration, tangent)
+                assert tangent is not None
+                history.append(Iteration(load, residual, 0.0, 0.0, tangent.negative_pivots, system.energy(state)))
+                y = left
+            elif iteration < self.options.max_iterations:
+                step, slope, modes, record = self._descent(state, gradient - pull, (nodal, rest))
+                if slope >= 0.0:
+                    raise ConvergenceError(
+                        f"equilibrium: no descent at a residual of {residual:.2e} mean member forces", history
+                    )
+                length = self._line_search(y, step, pull, state, slope)
+                history.append(Iteration(load, residual, length, *record, system.energy(state)))
+                y = self._leave_saddle(y + length * step, modes, pull)
+            state = system.state(y)
+            gradient = system.gradient(state)
+        raise ConvergenceError(
+            f"equilibrium: residual {residual:.2e} mean member forces after {self.options.max_iterations} iterations, "
+            f"expected {self.options.tolerance:.1e}",
+            history,
+        )
+
+    def _descent(
+        self, state: MemberState, gradient: Array, residual: tuple[Array, Array]
+    ) -> tuple[Array, float, list[tuple[Array, float]], tuple[float, int]]:
+        """Newton step, slope along it, unstable modes, and (shift, negative pivots) of the tangent.
+
+        ``gradient`` is that of the energy less the work of loads and constraints. A few unstable modes are turned
+        downhill one by one; of many the tangent is shifted until it has none, and so it is where the modes were not
+        found well enough for the step to descend.
+        """
+        nodal, rest = residual
+        for most in (_MOST_MODES, 0):
+            tangent, shift, negative = self._tangent_for_step(state, most)
+            modes = self._unstable_modes(tangent)
+            step = self._spread(*tangent.solve(nodal, rest))
+            for mode, stiffness in modes:
+                step += 2.0 * (nodal @ mode[self.free] + rest @ self._border_part(mode)) / abs(stiffness) * mode
+            slope = float(gradient @ step)
+            if slope < 0.0 or not negative:
+                break
+        return step, slope, modes, (shift, negative)
+
+    def _spread(self, dx: Array, dz: Array) -> Array:
+        """Values on the free unknowns as a vector of all unknowns (3n + 9,)."""
+        step = np.zeros(self.system.size)
+        step[self.free] = dx
+        step[self.system.nodal_size :] = self.border.macro @ dz[: self.border.macro.shape[1]]
+        return step
+
+    def _border_part(self, step: Array) -> Array:
+        """What :meth:`_spread` made of the border's free macroscopic unknowns; 0 for the multipliers."""
+        macro = self.border.macro.T @ step[self.system.nodal_size :]
+        return np.concatenate([macro, np.zeros(len(self.border.constraint))])
+
+    def _unstable_modes(self, tangent: Tangent) -> list[tuple[Array, float]]:
+        """Modes (3n + 9,) of negative stiffness (N/m), lowest first, by Lanczos on the factor that is there."""
+        count, n = min(tangent.negative_pivots, _MOST_MODES), len(self.free)
+        if count == 0:
+            return []
+        none = np.zeros(self.border.size)
+        values, vectors = lowest_ritz(lambda x: tangent.solve(x, none)[0], n, min(n, _LANCZOS_STEPS))
+        modes = []
+        for value, x in zip(values[:count], vectors.T[:count], strict=True):
+            if value < 0.0:
+                modes.append((self._spread(x, tangent.solve(x, none)[1] / value), 1.0 / value))
+        return sorted(modes, key=lambda mode: mode[1])
+
+    def _leave_saddle(self, y: Array, modes: list[tuple[Array, float]], pull: Array) -> Array:
+        """``y`` moved along the lowest unstable mode as far as the energy falls and the elongation limit allows.
+
+        ``y`` itself where there is no mode, or the energy does not fall along it (a neutral motion).
+        """
+        if not modes:
+            return y
+        (mode, _), system = modes[0], self.system
+        state = system.state(y)
+        if np.vdot(mode, system.tangent_product(state, mode[:, None])[:, 0]) >= 0.0:
+            return y
+        if (system.gradient(state) - pull) @ mode > 0.0:
+            mode = -mode
+        farthest = self._elongation_limit(mode / np.abs(mode).max(), state) / np.abs(mode).max()
+        best, length = 0.0, farthest / 1024.0
+        while length <= farthest:
+            if (system.gradient(system.state(y + length * mode)) - pull) @ mode >= 0.0:
+                break
+            best, length = length, 2.0 * length
+        return y + best * mode if best else y
+
+    def _elongation_limit(self, step: Array, state: MemberState) -> float:
+        """The multiple of ``step`` at which some member's length changes by ``max_elongation``."""
+        change = (self.system.D @ step).reshape(-1, 3)
+        along = np.abs(np.einsum("ij,ij->i", change, state.vector)) / state.length
+        turn = np.einsum("ij,ij->i", change, change) / (2.0 * state.length)
+        limit = self.options.max_elongation * state.length
+        # along a + turn a^2 = limit, in the form that does not cancel
+        return float(np.min(2.0 * limit / np.maximum(along + np.sqrt(along**2 + 4.0 * turn * limit), 1e-300)))
+
+    def _tangent_for_step(self, state: MemberState, most: int) -> tuple[Tangent, float, int]:
+        """The tangent, shifted until it has no negative pivots if it has more than ``most``; the shift; the pivots."""
+        tangent, shift = self.tangent(state), 0.0
+        negative = tangent.negative_pivots
+        scale = 0.05 * np.abs(state.force_density).mean()
+        while tangent.negative_pivots > (0 if shift else most):
+            shift = 4.0 * shift or scale
+            if shift > 1e8 * scale:
+                raise ConvergenceError(f"equilibrium: the tangent stays indefinite with a shift of {shift:.2e} N/m")
+            tangent = self.tangent(state, shift=shift)
+        return tangent, shift, negative
+
+    def _line_search(self, y: Array, step: Array, pull: Array, state: MemberState, slope: float) -> float:
+        """Step length: limited in elongation, then where the energy's slope has fallen enough."""
+        system = self.system
+        high = min(1.0, self._elongation_limit(step, state))
+        low, low_slope, length = 0.0, slope, high
+        for _ in range(12):
+            here = float((system.gradient(system.state(y + length * step)) - pull) @ step)
+            if abs(here) <= 0.5 * abs(slope) or (here < 0.0 and length == high):
+                return length
+            if here < 0.0:
+                low, low_slope = length, here
+                length = min(high, 0.5 * (length + high))
+            else:
+                high = length
+                secant = low - low_slope * (length - low) / (here - low_slope)
+                length = float(np.clip(secant, low + 0.1 * (length - low), low + 0.9 * (length - low)))
+        return length

@@ -1,0 +1,1 @@
+"""Draws; nothing else in the package imports it."""

@@ -1,0 +1,58 @@
+"""The file of a structure that ParaView opens: its members as lines, with what they carry."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import meshio
+import numpy as np
+from numpy.typing import NDArray
+
+from tsg_micro.cells.structure import Structure
+from tsg_micro.data.errors import InputError
+from tsg_micro.data.files import atomic_path
+from tsg_micro.equilibrium.members import MemberState
+
+__all__ = ["write_vtu"]
+
+Array = NDArray[np.float64]
+
+
+def write_vtu(path: str | Path, structure: Structure, displacement: Array, members: MemberState) -> None:
+    """The deformed members as lines, for ParaView: file ``path`` with the suffix .vtu, whole or not at all.
+
+    Cell data: ``kind`` (index into KINDS), ``force`` in N, ``strain`` l/l0 - 1, ``slack`` (0 or 1), ``cell`` and
+    ``block`` (the first of a shared member's; -1 for none). Point data: ``displacement`` in m.
+    Members that end at a periodic image are left out.
+
+    Raises:
+        InputError: another suffix, a displacement that does not fit, or a folder that cannot be written.
+    """
+    if Path(path).suffix != ".vtu":
+        raise InputError(f"path: expected a file name that ends in .vtu, got {path}")
+    if displacement.shape != structure.nodes.shape or not np.isfinite(displacement).all():
+        expected = structure.nodes.shape
+        raise InputError(
+            f"displacement: expected finite numbers of shape {expected}, got shape {displacement.shape} or NaN"
+        )
+    inside = ~structure.shift.any(axis=1)
+    cell = np.full(len(inside), -1)
+    if len(structure.cells):
+        cell = structure.member_cells[:, 0]
+    block = np.append(structure.cell_block, -1)[cell]  # the last one stands for "no cell"
+    data = {
+        "kind": structure.kind,
+        "force": members.force,
+        "strain": members.length / structure.rest_length - 1.0,
+        "slack": (members.stiffness == 0.0).astype(np.uint8),
+        "cell": cell,
+        "block": block,
+    }
+    mesh = meshio.Mesh(
+        structure.nodes + displacement,
+        [("line", structure.members[inside])],
+        point_data={"displacement": displacement},
+        cell_data={name: [values[inside]] for name, values in data.items()},
+    )
+    with atomic_path(path) as temporary:
+        mesh.write(temporary, file_format="vtu")

@@ -1,0 +1,210 @@
+"""The command line of the cell scenes, the paper's Section 3."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from workflows.cli.options import BarForce, Out, Plots, report, say
+from workflows.runs.ranks import check_alone
+
+if TYPE_CHECKING:
+    from tsg_micro.cells.parameters import CellParameters
+
+__all__ = ["scenes"]
+
+scenes = typer.Typer()
+
+EBar = Annotated[float, typer.Option("--e-bar", help="Young's modulus of the bars, Pa.")]
+ETendon = Annotated[float, typer.Option("--e-tendon", help="Young's modulus of the tendons, Pa.")]
+HalfDiagonal = Annotated[float, typer.Option(help="Half-diagonal r of a square face, in (0, 1).")]
+Top = Annotated[str, typer.Option(help="Top nodes: free, or guided up and down only.")]
+LinearSolver = Annotated[str, typer.Option(help="auto, superlu, pardiso or mumps.")]
+
+
+def _cell(e_bar: float, e_tendon: float, half_diagonal: float) -> CellParameters:
+    from tsg_micro.cells.parameters import CellParameters
+
+    return CellParameters(E_bar=e_bar, E_tendon=e_tendon, half_diagonal=half_diagonal)
+
+
+def _numbers(name: str, text: str) -> list[float]:
+    """Numbers parted by commas."""
+    from tsg_micro.data.errors import InputError
+
+    try:
+        return [float(part) for part in text.split(",") if part.strip()]
+    except ValueError:
+        raise InputError(f"{name}: expected numbers parted by commas, as 1e-9,2e-9, got {text!r}") from None
+
+
+def _sizes(name: str, text: str) -> list[tuple[int, int]]:
+    """Sizes NXxNY parted by commas."""
+    from tsg_micro.data.errors import InputError
+
+    sizes = []
+    for part in text.split(","):
+        counts = part.strip().split("x")
+        if counts == [""]:
+            continue
+        if len(counts) != 2 or not all(count.strip().isdigit() for count in counts):
+            raise InputError(f"{name}: expected sizes parted by commas, as 10x5,20x10, got {text!r}")
+        sizes.append((int(counts[0]), int(counts[1])))
+    return sizes
+
+
+@scenes.command()
+def cell(
+    out: Out,
+    bar_force: Annotated[
+        list[float] | None, typer.Option(help="Compression of the bars at rest, N; may be repeated. Else 1 .. 50 nN.")
+    ] = None,
+    force: Annotated[float, typer.Option(help="Force on the top, downwards, N.")] = 3e-9,
+    steps: Annotated[int, typer.Option(help="Equal load steps.")] = 30,
+    top: Top = "free",
+    e_bar: EBar = 1.2e9,
+    e_tendon: ETendon = 10e6,
+    half_diagonal: HalfDiagonal = 0.5,
+    plots: Plots = True,
+) -> None:
+    """Press one cell down on a fixed base: force against displacement."""
+    check_alone("cell")
+    from workflows.runs.cell import cell as run
+
+    parameters = _cell(e_bar, e_tendon, half_diagonal)
+    summary = run(
+        out,
+        bar_force=bar_force or (),
+        force=force,
+        steps=steps,
+        top=top,
+        parameters=parameters,
+        plots=plots,
+        say=say,
+    )
+    one = "secant_stiffness initial_stiffness tangent_stiffness apparent_modulus negative_pivots "
+    report(summary, f"{one if 'secant_stiffness' in summary else ''}seconds", out)
+
+
+@scenes.command()
+def monolayer(
+    out: Out,
+    blocks: Annotated[tuple[int, int], typer.Option(help="Blocks of 2x2 cells along x and y.")] = (60, 30),
+    layers: Annotated[int, typer.Option(help="Layers of cells along z.")] = 1,
+    strain: Annotated[float, typer.Option(help="Displacement of the top side over the height of the sheet.")] = 0.25,
+    bar_force: BarForce = 1e-8,
+    steps: Annotated[int, typer.Option(help="Equal load steps.")] = 25,
+    write_every: Annotated[int, typer.Option(help="A file for ParaView every so many steps, and at the last.")] = 5,
+    convergence: Annotated[str, typer.Option(help="Also sheets of these sizes in blocks, as 10x5,20x10,40x20.")] = "",
+    band: Annotated[str, typer.Option(help="Also these bar forces, N, as 1e-9,5e-8, on at most 20x10 blocks.")] = "",
+    e_bar: EBar = 1.2e9,
+    e_tendon: ETendon = 10e6,
+    half_diagonal: HalfDiagonal = 0.5,
+    linear_solver: LinearSolver = "auto",
+    plots: Plots = True,
+) -> None:
+    """Stretch a sheet of cells with every bar and tendon: stress, and the strain of every cell."""
+    check_alone("monolayer")
+    from workflows.runs.monolayer import monolayer as run
+
+    parameters = _cell(e_bar, e_tendon, half_diagonal)
+    summary = run(
+        out,
+        blocks=blocks,
+        layers=layers,
+        strain=strain,
+        bar_force=bar_force,
+        steps=steps,
+        write_every=write_every,
+        convergence=_sizes("convergence", convergence),
+        band=_numbers("band", band),
+        parameters=parameters,
+        linear_solver=linear_solver,
+        plots=plots,
+        say=say,
+    )
+    names = "dofs cell_apparent_modulus modulus_ratio modulus_ratio_at_full_strain edge_contraction seconds peak_memory"
+    report(summary, names, out)
+
+
+@scenes.command()
+def calibrate(
+    data: Annotated[Path, typer.Option(help="CSV of force and displacement (cell) or strain and stress (monolayer).")],
+    out: Out,
+    fit: Annotated[list[str], typer.Option(help="Parameters to fit: bar-force, E-tendon, E-bar, half-diagonal.")],
+    more: Annotated[
+        list[str] | None, typer.Argument(metavar="[PARAMETER]...", help="More of them, as in --fit bar-force E-tendon.")
+    ] = None,
+    scene: Annotated[str, typer.Option(help="cell or monolayer.")] = "cell",
+    column: Annotated[
+        list[str] | None, typer.Option(help="QUANTITY=HEADER:UNIT, as force=F:nN; else headers with units, force_nN.")
+    ] = None,
+    bar_force: BarForce = 1e-8,
+    e_bar: EBar = 1.2e9,
+    e_tendon: ETendon = 10e6,
+    half_diagonal: HalfDiagonal = 0.5,
+    blocks: Annotated[tuple[int, int], typer.Option(help="Sheet of the monolayer scene, blocks along x and y.")] = (
+        4,
+        2,
+    ),
+    top: Top = "free",
+    plots: Plots = True,
+) -> None:
+    """Fit parameters to a measured curve, and say how well each is determined."""
+    check_alone("calibrate")
+    from workflows.runs.calibrate import Model
+    from workflows.runs.calibrate import calibrate as run
+
+    model = Model(scene, _cell(e_bar, e_tendon, half_diagonal), bar_force, blocks=blocks, top=top)
+    summary = run(out, data=data, fit=[*fit, *(more or [])], model=model, column=column or [], plots=plots)
+    for name, row in summary["fitted"].items():
+        low, high = row["interval"]
+        say(f"{name:24} {row['value']:.4g} {row['unit']} (95 %: {low:.4g} .. {high:.4g})".replace(" 1 (", " ("))
+    for warning in summary["warnings"]:
+        say(f"{'warning':24} {warning}")
+    report(summary, "points rms evaluations seconds", out)
+
+
+@scenes.command()
+def spheroid(
+    out: Out,
+    radius: Annotated[float, typer.Option(help="Radius in blocks of 2x2x2 cells.")] = 5.0,
+    f_max: Annotated[float, typer.Option(help="Bar force at the centre, N.")] = 5e-8,
+    profile: Annotated[
+        str, typer.Option(help="exponential, linear, constant, or a CSV file with columns r_over_R,f_over_fmax.")
+    ] = "exponential",
+    decay: Annotated[float, typer.Option(help="k: the bar force at the rim is f_max exp(-k).")] = 2.0,
+    load: Annotated[
+        str, typer.Option(help="pressure, which follows the surface, or displacement of the surface.")
+    ] = "pressure",
+    level: Annotated[
+        float | None, typer.Option(help="Pressure in Pa (100 if not given), or linear strain (0.02).")
+    ] = None,
+    steps: Annotated[int, typer.Option(help="Recorded levels of the load.")] = 5,
+    e_bar: EBar = 1.2e9,
+    e_tendon: ETendon = 10e6,
+    half_diagonal: HalfDiagonal = 0.5,
+    linear_solver: LinearSolver = "auto",
+    plots: Plots = True,
+) -> None:
+    """Compress a spheroid whose bar force rises towards its core: radial stress of every block."""
+    check_alone("spheroid")
+    from workflows.runs.spheroid import spheroid as run
+
+    summary = run(
+        out,
+        radius=radius,
+        f_max=f_max,
+        profile=profile,
+        decay=decay,
+        load=load,
+        level=level,
+        steps=steps,
+        cell=_cell(e_bar, e_tendon, half_diagonal),
+        linear_solver=linear_solver,
+        plots=plots,
+        say=say,
+    )
+    report(summary, "blocks reached volume_change core_over_rim rises_to_core factorisations seconds peak_memory", out)

@@ -1,0 +1,296 @@
+"""The command line: one command a workflow. Nothing is imported before the command that needs it is called."""
+
+from __future__ import annotations
+
+import logging
+import os
+import traceback
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from workflows.cli import cells as cli_scenes
+from workflows.cli import fe2 as cli_fe2
+from workflows.cli import further_studies as cli_beyond
+from workflows.cli import studies as cli_study
+from workflows.cli.options import (
+    BarForce,
+    Box,
+    Clamp,
+    ClampName,
+    Degree,
+    Flat,
+    Images,
+    Kinematics,
+    KinematicsName,
+    Load,
+    Measure,
+    Out,
+    OutFile,
+    OutOrDefault,
+    Plots,
+    Strain,
+    report,
+    say,
+)
+from workflows.runs.ranks import check_alone, leave, under_mpirun
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    help="Multiscale cell mechanics: tensegrity cells, RVE data, data-driven finite elements. SI units throughout.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+
+@app.command()
+def structure(
+    out: Out,
+    cells: Annotated[tuple[int, int, int] | None, typer.Option(help="Cells along x, y, z.")] = None,
+    shape: Annotated[str, typer.Option(help="box or spheroid.")] = "box",
+    radius: Annotated[float | None, typer.Option(help="Radius of a spheroid, in blocks of 2x2x2 cells.")] = None,
+    bar_force: BarForce = 1e-8,
+    half_diagonal: Annotated[float, typer.Option(help="Half-diagonal r of a square face, in (0, 1).")] = 0.5,
+    plots: Plots = True,
+) -> None:
+    """Build a lattice of cells, check its self-stress, draw it."""
+    check_alone("structure")
+    from workflows.runs.structure import structure as run
+
+    summary = run(
+        out, cells=cells, shape=shape, radius=radius, bar_force=bar_force, half_diagonal=half_diagonal, plots=plots
+    )
+    report(summary, "nodes bars tendons cells self_stress_states mechanisms equilibrium_residual", out)
+
+
+@app.command()
+def sample(
+    out: OutFile,
+    load: Annotated[Box, typer.Option(help="Strain box to sample.")] = Box.stretch,
+    paths: Annotated[int, typer.Option(help="Number of loading paths.")] = 400,
+    steps: Annotated[int, typer.Option(help="Points along each path.")] = 10,
+    bar_force: BarForce = 1e-8,
+    seed: Annotated[int, typer.Option(help="Seed; the data depend on nothing else that is random.")] = 0,
+    blocks: Annotated[tuple[int, int, int], typer.Option(help="Size of the RVE in 2x2x2-cell blocks.")] = (1, 1, 1),
+    images: Annotated[
+        Images, typer.Option(help="Members on opposite faces: one, or two as in the paper.")
+    ] = Images.merged,
+    stress_measure: Annotated[Measure, typer.Option(help="Stress to store.")] = Measure.first_piola,
+    append: Annotated[bool, typer.Option("--append", help="Add to the file if it is there.")] = False,
+    processes: Annotated[int | None, typer.Option(help="Processes without mpirun; all cores if not given.")] = None,
+    plots: Plots = True,
+) -> None:
+    """Sample material data from random loading paths through a periodic RVE; also under mpirun."""
+    from workflows.runs.sample import sample as run
+
+    summary = run(
+        out,
+        load=load.value,
+        paths=paths,
+        steps=steps,
+        bar_force=bar_force,
+        seed=seed,
+        blocks=blocks,
+        images=images.value,  # type: ignore[arg-type]
+        stress_measure=stress_measure.value,
+        append=append,
+        processes=processes,
+        plots=plots,
+    )
+    total = "points_in_file " if append else ""
+    report(summary, f"points {total}paths failed_paths processes seconds", out)
+
+
+@app.command()
+def dns(
+    out: OutOrDefault = None,
+    blocks: Annotated[tuple[int, int], typer.Option(help="2x2x2-cell blocks along x and y.")] = (30, 15),
+    load: Annotated[Load, typer.Option(help="How the top side moves.")] = Load.stretch,
+    strain: Strain = 0.05,
+    bar_force: BarForce = 1e-8,
+    flat: Annotated[bool, typer.Option("--flat/--free", help="Hold the mid-plane, so that it cannot buckle.")] = False,
+    steps: Annotated[int, typer.Option(help="Recorded load steps.")] = 4,
+    linear_solver: Annotated[str, typer.Option(help="auto, superlu, pardiso or mumps.")] = "auto",
+    plots: Plots = True,
+) -> None:
+    """Load a sheet with every bar and tendon: the reference solution.
+
+    A run that was cut short goes on after its last load step when the same command is given again.
+    """
+    check_alone("dns")
+    from workflows.runs.dns import dns as run
+
+    out = out or Path("results") / f"dns-{load.value}"
+    summary = run(
+        out,
+        blocks=blocks,
+        load=load.value,
+        strain=strain,
+        bar_force=bar_force,
+        flat=flat,
+        steps=steps,
+        linear_solver=linear_solver,
+        plots=plots,
+        say=say,
+    )
+    names = "dofs nominal_stress deflection row_balance newton_iterations factorisations negative_pivots seconds"
+    report(summary, names, out)
+
+
+@app.command()
+def solve(
+    out: Out,
+    data: Annotated[Path | None, typer.Option(help="Material data, HDF5; none are needed with --adapt.")] = None,
+    elements: Annotated[tuple[int, int, int] | None, typer.Option(help="Elements along x, y, z; a block each.")] = None,
+    mesh: Annotated[Path | None, typer.Option(help="Hexahedral gmsh mesh in m, sides named bottom and top.")] = None,
+    load: Annotated[Load, typer.Option(help="How the top side moves.")] = Load.stretch,
+    strain: Strain = 0.05,
+    metric: Annotated[
+        str, typer.Option(help="auto, tangent, visited (first solve picks tangents) or secant.")
+    ] = "auto",
+    order: Annotated[
+        int | None, typer.Option(help="1: a datum is a point; 2: it is its tangent space. 2 with --adapt, else 1.")
+    ] = None,
+    adapt: Annotated[
+        bool, typer.Option("--adapt", help="Compute RVEs where the scene lacks data; OUT/data.h5.")
+    ] = False,
+    bar_force: Annotated[float | None, typer.Option(help="With --adapt: f_b in N, if the data do not say it.")] = None,
+    rve_budget: Annotated[int | None, typer.Option(help="With --adapt: RVEs at most; 200 if not given.")] = None,
+    adapt_tolerance: Annotated[
+        float | None, typer.Option(help="With --adapt: estimated error that ends it; 0.005 if not given.")
+    ] = None,
+    kinematics: Kinematics = KinematicsName.small,
+    clamp: Clamp = ClampName.full,
+    degree: Degree = 1,
+    flat: Flat = False,
+    stress_measure: Annotated[
+        Measure | None,
+        typer.Option(help="Stress to solve in, else the data's; in finite strain to write, else first_piola."),
+    ] = None,
+    max_iterations: Annotated[int, typer.Option(help="Fixed-point iterations at most.")] = 300,
+    over_relaxation: Annotated[float, typer.Option(help="Factor w of a query at y + w (z - y), 1 <= w < 2.")] = 1.7,
+    plots: Plots = True,
+) -> None:
+    """Data-driven solution of a sheet; runs on any number of ranks (mpirun -n N tsgdd solve ...)."""
+    import dd_macro
+    from workflows.runs.adapt import adaptation
+    from workflows.runs.scene import Scene
+    from workflows.runs.solve import solve as run
+
+    summary = run(
+        out,
+        data=data,
+        scene=Scene(load.value, strain, elements, mesh, kinematics.value, clamp.value, degree, flat),
+        metric=metric,
+        order=order,
+        stress_measure=None if stress_measure is None else stress_measure.value,
+        options=dd_macro.SolverOptions(max_iterations=max_iterations, over_relaxation=over_relaxation),
+        adaptation=adaptation(adapt, bar_force=bar_force, rve_budget=rve_budget, adapt_tolerance=adapt_tolerance),
+        plots=plots,
+        say=say,
+    )
+    if adapt:
+        report(summary, "adapt_reason rves failed_rves estimated_error seconds_rve", out / "data.h5")
+    report(summary, "iterations converged normalised_distance quadrature_points data_points ranks seconds", out)
+
+
+@app.command()
+def compare(
+    dd: Annotated[Path, typer.Option(help="Folder of a data-driven run.")],
+    dns: Annotated[Path, typer.Option(help="Folder of the full tensegrity run of the same scene.")],
+    out: Out,
+    plots: Plots = True,
+) -> None:
+    """Compare data-driven stresses with those of the full tensegrity, block by block."""
+    check_alone("compare")
+    from workflows.runs.compare import compare as run
+
+    summary = run(out, dd=dd, dns=dns, plots=plots)
+    for name in ("error_p_mech", "error_p_mat", "error_q_mech", "error_q_mat"):
+        values = "  ".join(f"{kind} {value:.2%}" for kind, value in summary[name].items())
+        say(f"{name:24} {values}")
+    if summary["dns_buckled"]:
+        say("the full tensegrity has buckled, the data-driven sheet cannot: compare with that of 'tsgdd dns --flat'")
+    say(f"{'results':24} {out}")
+
+
+@app.command(name="import-csv")
+def import_csv(
+    csv: Annotated[Path, typer.Argument(help="Measured strain and stress, with a header line.")],
+    column: Annotated[list[str], typer.Option(help="COMPONENT=HEADER:UNIT, e.g. eps_yy=strain:% ; once a column.")],
+    out: OutFile,
+    zero: Annotated[list[str] | None, typer.Option(help="Component known to be zero, e.g. sigma_zz.")] = None,
+    silent: Annotated[
+        list[str] | None, typer.Option(help="Zero as nothing drove it, e.g. yz: not in the metric.")
+    ] = None,
+    stress_measure: Annotated[Measure, typer.Option(help="What the measured stress is.")] = Measure.cauchy,
+) -> None:
+    """Turn measured data into a data set; columns and units are declared, nothing is guessed."""
+    check_alone("import-csv")
+    from workflows.runs.import_csv import import_csv as run
+
+    run(csv, column=column, zero=zero or [], silent=silent or [], stress_measure=stress_measure.value, out=out)
+
+
+app.add_typer(cli_scenes.scenes)
+app.add_typer(cli_beyond.study, name="study")
+app.add_typer(cli_study.bench, name="bench")
+
+
+@app.command()
+def demo(
+    out: Out,
+    blocks: Annotated[tuple[int, int], typer.Option(help="Blocks along x and y.")] = (30, 15),
+    paths: Annotated[int, typer.Option(help="Loading paths to sample.")] = 400,
+) -> None:
+    """The whole chain: sample, full tensegrity, data-driven solve, compare, and one figure."""
+    check_alone("demo")
+    from workflows.runs.demo import demo as run
+
+    run(out, blocks=blocks, paths=paths, say=say)
+
+
+app.command()(cli_study.paper)
+app.command()(cli_fe2.fe2)
+
+
+def main() -> None:
+    """Run the command line; bad input exits with 2, a run that failed with 1, each with one line."""
+    logging.captureWarnings(True)
+    # a closed pipe or a kill is no business of PETSc's, which would print a page
+    os.environ["PETSC_OPTIONS"] = f"{os.environ.get('PETSC_OPTIONS', '')} -no_signal_handler".strip()
+    try:
+        code = app(standalone_mode=False)  # a command returns None; typer turns Ctrl-C into 130
+    except Exception as error:
+        _fail(error)
+    except KeyboardInterrupt:
+        code = 130
+    if code == 130:
+        leave("tsgdd: interrupted", 130)
+
+
+def _fail(error: Exception) -> None:
+    """One line and an exit code for what went wrong; a traceback only for what should not happen."""
+    from tsg_micro.data.errors import ConvergenceError, InputError
+
+    one_line = " ".join(str(error).split())
+    if type(error).__name__ == "NoArgsIsHelpError":  # no command at all: its text is the help page
+        leave(str(error), 2)
+    usage = getattr(error, "format_message", None)  # a wrong option; typer carries its own copy of click or not
+    if usage is not None:
+        leave(f"tsgdd: {' '.join(usage().split())} (tsgdd --help lists the commands)", 2)
+    if isinstance(error, InputError):
+        leave(f"tsgdd: {one_line}", 2)
+    if isinstance(error, ConvergenceError) or type(error).__name__ == "KernelError":
+        leave(f"tsgdd: {one_line}", 1)
+    if isinstance(error, ModuleNotFoundError) and error.name in ("dolfinx", "petsc4py", "mpi4py", "ufl"):
+        leave(f"tsgdd: this command needs DOLFINx, {error.name} is not installed: pip install 'tsgdd[fenicsx]'", 1)
+    if isinstance(error, OSError | MemoryError):
+        leave(f"tsgdd: {one_line or 'not enough memory'}", 1)
+    if under_mpirun() or "TSGDD_DEBUG" in os.environ:
+        traceback.print_exc()
+    leave(f"tsgdd: unexpected {type(error).__name__}: {one_line} (this is a defect; TSGDD_DEBUG=1 shows where)", 1)

@@ -1,0 +1,242 @@
+"""tsgdd sample: material data from random loading paths through an RVE."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from multiprocessing import get_context, parent_process
+from pathlib import Path
+from typing import Any, get_args
+
+from threadpoolctl import threadpool_limits
+
+from tsg_micro.cells.lattice import Images
+from tsg_micro.cells.parameters import CellParameters, check_bar_force
+from tsg_micro.continuum.rve import RVE, build_rve
+from tsg_micro.continuum.sampling import BOXES, PathData, StrainBox, join_paths, sample_paths
+from tsg_micro.data.dataset import append_dataset, convert_dataset, read_dataset, write_dataset
+from tsg_micro.data.errors import InputError
+from tsg_micro.data.files import output_file
+from tsg_micro.data.stress import check_measure
+from workflows.runs.ranks import world
+from workflows.store.record import read_summary, versions, write_summary
+
+__all__ = ["sample"]
+
+_worker: dict[str, Any] = {}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is sampled; checked when made.
+
+    Raises:
+        InputError: on construction, where a value is not valid.
+    """
+
+    load: str
+    paths: int
+    steps: int
+    bar_force: float
+    seed: int
+    blocks: tuple[int, int, int]
+    images: Images = "merged"
+
+    def __post_init__(self) -> None:
+        if self.load not in BOXES:
+            raise InputError(f"load: expected one of {', '.join(BOXES)}, got {self.load!r}")
+        counts = {"paths": (self.paths, 1), "steps": (self.steps, 1), "seed": (self.seed, 0)}
+        for name, (value, least) in {**counts, "blocks": (min(self.blocks), 1)}.items():
+            if value < least:
+                raise InputError(f"{name}: expected at least {least}, got {value}")
+        if self.images not in get_args(Images):
+            raise InputError(f"images: expected {' or '.join(get_args(Images))}, got {self.images!r}")
+        if self.seed >= 2**63:
+            raise InputError(f"seed: expected less than 2^63, got {self.seed}")
+        check_bar_force(self.bar_force, cells=1, EA_bar=CellParameters().EA_bar)
+
+    @property
+    def box(self) -> StrainBox:
+        """The strain box of the load."""
+        return BOXES[self.load]
+
+    def rve(self) -> RVE:
+        """The RVE in its reference state."""
+        return build_rve(bar_force=self.bar_force, blocks=self.blocks, free=self.box.free, images=self.images)
+
+    def run(self, rve: RVE, paths: Iterable[int], progress: Callable[[], None] | None = None) -> list[PathData]:
+        """Follow the paths of these numbers."""
+        return sample_paths(rve, self.box, paths=paths, steps=self.steps, seed=self.seed, progress=progress)
+
+
+def sample(
+    out: Path,
+    *,
+    load: str,
+    paths: int,
+    steps: int,
+    bar_force: float,
+    seed: int = 0,
+    blocks: tuple[int, int, int] = (1, 1, 1),
+    images: Images = "merged",
+    stress_measure: str = "first_piola",
+    append: bool = False,
+    processes: int | None = None,
+    plots: bool = True,
+) -> dict[str, Any]:
+    """Sample ``paths`` paths of ``steps`` points in the strain box ``load``; the data set goes to the file ``out``.
+
+    Paths are shared among the ranks under mpirun, else among ``processes`` (all cores if None); the data are the same.
+
+    Raises:
+        InputError: an argument is not valid, or no path reached any state.
+    """
+    comm = world()
+    rank, size = (0, 1) if comm is None else (comm.rank, comm.size)
+    plan = Plan(load, paths, steps, bar_force, seed, blocks, images)
+    output_file(out)
+    check_measure(stress_measure)
+    if append and out.exists():
+        _check_append(out, plan, stress_measure)
+    if processes is not None and processes < 1:
+        raise InputError(f"processes: expected at least 1, got {processes}")
+    processes = min(paths, processes or os.cpu_count() or 1) if comm is None else 1
+    begin = time.perf_counter()
+    with _progress(-(-paths // size) if rank == 0 else None) as advance:
+        if processes > 1:
+            done = _in_processes(processes, plan, advance)
+        else:
+            with threadpool_limits(1):
+                done = plan.run(plan.rve(), range(rank, paths, size), advance)
+    if comm is not None:
+        parts = comm.gather(done)
+        done = [data for part in parts for data in part] if rank == 0 else []
+    seconds = time.perf_counter() - begin
+    if rank != 0:
+        return comm.bcast(None)  # type: ignore[no-any-return]
+    parameters = {**asdict(plan), "box": asdict(plan.box), "cell": asdict(CellParameters())}
+    dataset = convert_dataset(join_paths(done, seed=seed, parameters=parameters, versions=versions()), stress_measure)
+    failures = sorted(data.failure for data in done if data.failure)
+    stored = dataset
+    before: float | None = 0.0
+    if append:
+        before = _seconds_before(out)
+        stored = append_dataset(out, dataset)
+    else:
+        write_dataset(out, stored)
+    summary = write_summary(
+        out,
+        command="sample",
+        parameters={**parameters, "stress_measure": stress_measure, "append": append},
+        figures={
+            "points": (len(dataset), ""),
+            "points_in_file": (len(stored), ""),
+            "paths": (paths, ""),
+            "failed_paths": (len(failures), ""),
+            "failures": (failures[:5], ""),
+            "silent": (stored.silent, ""),
+            "negative_pivots": (max(data.negative_pivots for data in done), ""),
+            "processes": (size if comm is not None else processes, ""),
+            "seconds": (seconds, "s"),
+            "seconds_in_file": (None if before is None else before + seconds, "s"),
+            "seconds_per_point": (seconds / len(dataset), "s"),
+        },
+    )
+    if plots:
+        from tsg_micro.figures.data import plot_dataset
+        from tsg_micro.figures.sheet import save_figure
+
+        save_figure(plot_dataset(stored), out.with_suffix(".png"))
+    if comm is not None:
+        comm.bcast(summary)
+    return summary
+
+
+def _seconds_before(out: Path) -> float | None:
+    """Time that the data in the file took, 0 for no file; None where its summary is not there or does not say."""
+    if not out.exists():
+        return 0.0
+    try:
+        return read_summary(out, "sample").get("seconds_in_file")
+    except InputError:
+        return None
+
+
+def _check_append(out: Path, plan: Plan, stress_measure: str) -> None:
+    """Raise InputError where the file holds another stress measure, or the very points that would be added."""
+    there = read_dataset(out)
+    if there.stress_measure != stress_measure:
+        raise InputError(f"out {out}: expected a data set of {stress_measure} stress to append to")
+    same = {
+        "load": plan.load,
+        "bar_force": plan.bar_force,
+        "seed": plan.seed,
+        "blocks": list(plan.blocks),
+        "images": plan.images,
+    }
+    for source in there.sources:
+        if all(source.get(name) == value for name, value in same.items()):
+            raise InputError(f"seed: expected another than that of the data in {out}, got {plan.seed} again")
+
+
+@contextmanager
+def _progress(paths: int | None) -> Iterator[Callable[[], None]]:
+    """A bar with the time left, for ``paths`` paths; None draws nothing."""
+    if paths is None:
+        yield lambda: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
+
+    count = (BarColumn(), MofNCompleteColumn())
+    with Progress(
+        "sampling", *count, "paths", TimeElapsedColumn(), "left", TimeRemainingColumn(), console=Console(stderr=True)
+    ) as progress:
+        task = progress.add_task("", total=paths)
+        yield lambda: progress.advance(task)
+
+
+def _in_processes(processes: int, plan: Plan, advance: Callable[[], None]) -> list[PathData]:
+    """All paths, shared among processes of this machine."""
+    done: list[PathData] = []
+    pool = ProcessPoolExecutor(processes, get_context("spawn"), initializer=_start_worker, initargs=(plan,))
+    with pool:
+        try:
+            futures = [pool.submit(_work, plan, path) for path in range(plan.paths)]
+            for future in as_completed(futures):
+                done += future.result()
+                advance()
+        except BrokenProcessPool:
+            raise ChildProcessError("sample: a worker process was ended from outside, or for lack of memory") from None
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    return done
+
+
+def _start_worker(plan: Plan) -> None:
+    """What a process keeps between paths."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent answers Ctrl-C for all
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threadpool_limits(1)
+    _worker["rve"] = plan.rve()
+
+
+def _end_with_parent() -> None:
+    """End this process when its parent is gone; the pool itself would wait for work for ever."""
+    parent = parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
+
+
+def _work(plan: Plan, path: int) -> list[PathData]:
+    """One path, in a process of the pool."""
+    return plan.run(_worker["rve"], [path])

@@ -1,0 +1,172 @@
+"""The macroscopic scene of a data-driven run: mesh, load, material data and metric."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+import dd_macro as dd
+from tsg_micro.data.dataset import Dataset, convert_dataset, read_dataset
+from tsg_micro.data.errors import InputError
+from tsg_micro.data.mandel import from_mandel
+from workflows.runs.loads import check_load, check_reach, nominal_component, top_displacement
+
+__all__ = [
+    "BLOCK",
+    "CLAMPS",
+    "KINEMATICS",
+    "METRICS",
+    "Scene",
+    "check_metric",
+    "make_metric",
+    "read_material",
+    "with_tangents",
+]
+
+BLOCK = 20e-6
+"""Edge of a 2x2x2-cell block, m (paper: cell height 10 um)."""
+METRICS = ("auto", "tangent", "visited", "secant")
+"""The data's default, the mean tangent of all data or of those that the scene visits, the secant modulus."""
+
+KINEMATICS = ("small", "finite")
+CLAMPS = ("full", "inplane")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is loaded, and how: a box of one element a block, or the hexahedra of a gmsh file.
+
+    ``kinematics`` is "small" or "finite" strain. The sides with a displacement are held in all three components
+    (``clamp`` "full"), or in the plane of the sheet alone ("inplane"), where their thickness is free: the hold on the
+    thickness fades over a third of a block, which elements of a block cannot follow. ``degree`` of the elements. A
+    ``flat`` sheet has its back side held in its plane, so that it cannot buckle.
+    """
+
+    load: str
+    strain: float
+    elements: tuple[int, int, int] | None = None
+    mesh: Path | None = None
+    kinematics: str = "small"
+    clamp: str = "full"
+    degree: int = 1
+    flat: bool = False
+
+    def __post_init__(self) -> None:
+        check_load(self.load, self.strain)
+        for name, known in (("kinematics", KINEMATICS), ("clamp", CLAMPS), ("degree", (1, 2))):
+            if getattr(self, name) not in known:
+                raise InputError(f"{name}: expected {' or '.join(map(str, known))}, got {getattr(self, name)!r}")
+        if (self.elements is None) == (self.mesh is None):
+            raise InputError("elements, mesh: expected one of them, --elements NX NY NZ or --mesh FILE.msh")
+
+    def build(self, comm: MPI.Comm) -> dd.TaggedMesh:
+        """The mesh, distributed over ``comm``."""
+        if self.mesh is not None:
+            return dd.read_msh(self.mesh, comm)
+        assert self.elements is not None
+        return dd.box(comm, elements=self.elements, size=tuple(BLOCK * n for n in self.elements))  # type: ignore[arg-type]
+
+    def operator(self, domain: dd.TaggedMesh) -> dd.StrainOperator:
+        """B and W of the mesh, of its strains or of its gradients."""
+        return {"small": dd.StrainOperator, "finite": dd.GradientOperator}[self.kinematics](domain, degree=self.degree)
+
+    def conditions(self, domain: dd.TaggedMesh) -> list[dd.Displacement]:
+        """Bottom side held, top side moved by the strain times the height of the mesh; collective.
+
+        Raises:
+            InputError: a flat sheet without a side called back.
+        """
+        bottom, top = _extent(domain, 1)
+        moved = top_displacement(self.load, self.strain, top - bottom)
+        if self.flat and "back" not in domain.names:
+            raise InputError(f"flat: expected a side named back in the mesh, got {', '.join(sorted(domain.names))}")
+        back = [dd.Displacement("back", (0.0,), (2,))] if self.flat else []
+        if self.clamp == "full":
+            return [*back, dd.Displacement("bottom"), dd.Displacement("top", value=moved)]
+        in_plane = [dd.Displacement("bottom", (0.0, 0.0), (0, 1)), dd.Displacement("top", moved[:2], (0, 1))]
+        return [*in_plane, *(back or _lower_edges(domain))]
+
+    def parameters(self) -> dict[str, object]:
+        """For the summary."""
+        return asdict(self)
+
+
+def _lower_edges(domain: dd.TaggedMesh) -> list[dd.Displacement]:
+    """Bottom and top held across the plane where z is least; they leave their thickness free."""
+    back, front = _extent(domain, 2)
+
+    def lower(x: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return np.asarray(x[:, 2] < back + 1e-6 * (front - back))
+
+    return [dd.Displacement(side, (0.0,), (2,), where=lower) for side in ("bottom", "top")]
+
+
+def _extent(domain: dd.TaggedMesh, axis: int) -> tuple[float, float]:
+    """Least and largest coordinate of the mesh along ``axis``, m; collective."""
+    x = domain.mesh.geometry.x[:, axis]  # none on a rank without cells
+    low = domain.comm.allreduce(float(np.min(x, initial=np.inf)), MPI.MIN)
+    return low, domain.comm.allreduce(float(np.max(x, initial=-np.inf)), MPI.MAX)
+
+
+def check_metric(name: str) -> None:
+    """Raise InputError where there is no metric of this name."""
+    if name not in METRICS:
+        raise InputError(f"metric: expected one of {', '.join(METRICS)}, got {name!r}")
+
+
+def make_metric(
+    name: str, operator: dd.StrainOperator, dataset: Dataset, conditions: list[dd.Displacement], *, order: int = 1
+) -> dd.Metric:
+    """The metric of this name for the scene; collective.
+
+    What the data declare silent does not count in it, unless the tangents are asked (``order`` 2): those of RVEs answer
+    every strain.
+
+    Raises:
+        InputError: no such metric, or the data give none.
+    """
+    check_metric(name)
+    if order == 2 and dataset.tangent is not None:
+        dataset = replace(dataset, silent=())
+    if name == "visited":
+        return dd.visited_tangent(operator, dataset, conditions)
+    choose = {"auto": dd.metric_from_dataset, "tangent": dd.mean_tangent, "secant": dd.secant_modulus}[name]
+    return choose(dataset)
+
+
+def read_material(data: Path, scene: Scene, stress_measure: str | None = None) -> Dataset:
+    """The data in the measure asked for; InputError where they do not reach the nominal strain of the scene.
+
+    In finite strain they are Biot strains and stresses, whatever the measure.
+    Data that were adapted to this load, up to this strain or more, hold what its scene needs, whatever their range.
+    """
+    dataset = read_dataset(data)
+    if scene.kinematics == "finite":
+        dataset = dd.biot_dataset(dataset)
+    else:
+        dataset = convert_dataset(dataset, stress_measure or dataset.stress_measure)
+    for source in dataset.sources:
+        made_for = source.get("adapted")
+        if isinstance(made_for, dict) and made_for["load"] == scene.load and 0 < scene.strain / made_for["strain"] <= 1:
+            return dataset
+    name, wanted = nominal_component(scene.load, scene.strain)
+    values = from_mandel(dataset.strain)[:, "xyz".index(name[0]), "xyz".index(name[1])]
+    check_reach(name, wanted, float(values.min()), float(values.max()))
+    return dataset
+
+
+def with_tangents(dataset: Dataset) -> Dataset:
+    """The data with their tangents, estimated from 16 neighbours, or all the others, where there are none.
+
+    Raises:
+        InputError: less than four data without tangents.
+    """
+    if dataset.tangent is not None:
+        return dataset
+    if len(dataset) < 4:
+        raise InputError(f"data: expected tangents, or at least 4 points to estimate them from, got {len(dataset)}")
+    return dd.estimate_tangents(dataset, neighbours=min(16, len(dataset) - 1))

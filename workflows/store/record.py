@@ -1,0 +1,109 @@
+"""What every workflow leaves behind: summary.json with parameters, versions and figures with their units."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import importlib.metadata
+import json
+import os
+import platform
+import resource
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tsg_micro.data.errors import InputError
+from tsg_micro.data.files import atomic_path
+
+__all__ = ["machine", "peak_memory", "read_summary", "summary_path", "versions", "write_summary", "write_table"]
+
+_PACKAGES = ("numpy", "scipy", "h5py", "fenics-dolfinx", "dolfinx-solver-real", "pypardiso", "mpi4py")
+
+
+def versions() -> dict[str, str]:
+    """Versions of this software, of Python and of the packages that decide the numbers."""
+    found = {"tsgdd": importlib.metadata.version("tsgdd"), "python": platform.python_version()}
+    for name in _PACKAGES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def machine() -> dict[str, Any]:
+    """The processor and how many of its cores this process may use."""
+    text = Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else ""
+    named = [line.split(":", 1)[1].strip() for line in text.splitlines() if line.startswith("model name")]
+    return {"processor": named[0] if named else platform.machine(), "cores": len(os.sched_getaffinity(0))}
+
+
+def peak_memory() -> int:
+    """Largest resident memory of this process so far, bytes."""
+    with contextlib.suppress(OSError, StopIteration):
+        lines = Path("/proc/self/status").read_text().splitlines()
+        return 1024 * int(next(line for line in lines if line.startswith("VmHWM")).split()[1])
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024  # a child counts its parent's from before exec
+
+
+def summary_path(out: Path) -> Path:
+    """Where the summary of output ``out`` goes: into a folder, or beside a file as NAME.summary.json."""
+    return out / "summary.json" if out.is_dir() else out.with_name(f"{out.stem}.summary.json")
+
+
+def write_summary(
+    out: Path, *, command: str, parameters: Mapping[str, Any], figures: Mapping[str, tuple[Any, str]]
+) -> dict[str, Any]:
+    """Write and return the summary: ``figures`` maps a name to its value (SI) and unit ("" for none)."""
+    summary = {
+        "command": command,
+        "parameters": dict(parameters),
+        "versions": versions(),
+        "machine": machine(),
+        "units": {name: unit for name, (_, unit) in figures.items() if unit},
+        **{name: value for name, (value, _) in figures.items()},
+    }
+    with atomic_path(summary_path(out)) as temporary:
+        temporary.write_text(json.dumps(summary, indent=2, default=_plain, allow_nan=False) + "\n")
+    return summary
+
+
+def write_table(path: Path, rows: Sequence[Mapping[str, Any]], title: str | None = None) -> None:
+    """Write rows of equal names as CSV, after a line ``# title`` if there is one; whole or not at all."""
+    with atomic_path(path) as temporary, temporary.open("w", newline="") as stream:
+        if title is not None:
+            stream.write(f"# {title}\n")
+        writer = csv.DictWriter(stream, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _plain(value: object) -> object:
+    """Paths and NumPy values as JSON knows them."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return str(value)
+
+
+def read_summary(folder: Path, *commands: str) -> dict[str, Any]:
+    """The summary that one of ``commands`` wrote into ``folder``, or beside it where that is a file.
+
+    Raises:
+        InputError: it is not there, is no summary, or another command's.
+    """
+    path = summary_path(folder) if folder.is_file() else folder / "summary.json"
+    kind = "file" if folder.is_file() else "folder"
+    expected = f"expected a {kind} made by {' or '.join(f"'tsgdd {command}'" for command in commands)}"
+    try:
+        summary = json.loads(path.read_text())
+    except OSError:
+        raise InputError(f"{folder}: {expected}, it has no {path.name}") from None
+    except ValueError:  # not JSON, or not even text
+        raise InputError(f"{path}: expected JSON, it cannot be read as such") from None
+    ours = isinstance(summary, dict) and summary.get("command") in commands
+    if not ours or not isinstance(summary.get("parameters"), dict):
+        raise InputError(f"{folder}: {expected}, its {path.name} is another's")
+    return summary

@@ -1,0 +1,1 @@
+"""One question each, asked of many runs; and their figures."""

@@ -1,0 +1,108 @@
+"""What the studies of the paper's Section 4 stand on: material data, the full tensegrity, the data-driven solution."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tsg_micro.cells.parameters import CellParameters, check_bar_force
+from tsg_micro.continuum.sampling import BOXES
+from tsg_micro.data.dataset import Dataset
+from tsg_micro.data.errors import InputError
+from workflows.runs.loads import check_load, check_reach, nominal_component
+from workflows.store.stages import Stages
+
+if TYPE_CHECKING:
+    from workflows.runs.scene import Scene
+
+__all__ = ["Chain"]
+
+
+@dataclass(frozen=True)
+class Chain:
+    """The scene and its data; the default values are the paper's.
+
+    ``blocks`` along x and y, nominal ``strain``, ``bar_force`` in N; ``paths`` loading paths of ``steps`` points in
+    the load's strain box, from ``seed``.
+
+    Raises:
+        InputError: on construction, where a value is not valid.
+    """
+
+    blocks: tuple[int, int] = (60, 30)
+    strain: float = 0.05
+    bar_force: float = 1e-8
+    paths: int = 1000
+    steps: int = 10
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_load("stretch", self.strain)
+        check_bar_force(self.bar_force, cells=1, EA_bar=CellParameters().EA_bar)
+        if min(self.blocks) < 3:
+            raise InputError(f"blocks: expected at least 3 3, to leave the outer ones out, got {self.blocks}")
+        for name, value, least in (("paths", self.paths, 1), ("steps", self.steps, 1), ("seed", self.seed, 0)):
+            if not least <= value < 2**63:
+                raise InputError(f"{name}: expected at least {least}, got {value}")
+
+    def check_reach(self, load: str) -> None:
+        """Raise InputError where the box of data of this load does not hold the nominal strain."""
+        name, value = nominal_component(load, self.strain)
+        check_reach(name, value, *BOXES[load].ranges[name])
+
+    def check_bar_force(self, dataset: Dataset, data: Path) -> None:
+        """Raise InputError where the data of the file ``data`` are of another bar force; measured ones have none."""
+        for source in dataset.sources:
+            force = source.get("bar_force")
+            if force not in (None, self.bar_force):
+                raise InputError(f"bar_force: expected {self.bar_force:g} N in {data}, got {force:g} N")
+
+    @property
+    def elements(self) -> tuple[int, int, int]:
+        """One element a block."""
+        return (*self.blocks, 1)
+
+    def data(self, stages: Stages, load: str, name: str = "", **more: Any) -> Path:
+        """The file of material data in the strain box of the load; sampled unless it is there.
+
+        ``more`` are other arguments of :func:`workflows.runs.sample.sample`; the stage is then called by ``name``.
+        """
+        from workflows.runs.sample import sample
+
+        chosen: dict[str, Any] = {"load": load, "paths": self.paths, "steps": self.steps}
+        chosen |= {"bar_force": self.bar_force, "seed": self.seed}
+        chosen |= more
+        return stages.run(name or f"data-{load}", chosen, lambda out: sample(out / "data.h5", **chosen)) / "data.h5"
+
+    def dns(self, stages: Stages, load: str, say: Callable[[str], None], *, flat: bool = True) -> Path:
+        """The folder of the full tensegrity; computed unless it is there."""
+        from workflows.runs.dns import dns
+
+        scene: dict[str, Any] = {"blocks": self.blocks, "load": load, "strain": self.strain}
+        scene |= {"bar_force": self.bar_force, "flat": flat}
+        return stages.run(f"dns-{load}" + "-free" * (not flat), scene, lambda out: dns(out, say=say, **scene))
+
+    def fe2(self, stages: Stages, scene: Scene, say: Callable[[str], None]) -> Path:
+        """The folder of FE2 of this scene; computed unless it is there."""
+        from workflows.runs.fe2 import fe2
+
+        run: dict[str, Any] = {**scene.parameters(), "bar_force": self.bar_force}
+        name = "-".join(["fe2", scene.load, scene.kinematics, scene.clamp] + ["flat"] * scene.flat)
+        solve = partial(fe2, scene=scene, bar_force=self.bar_force, plots=False, say=say)
+        return stages.run(name, run, solve)
+
+    def solution(self, stages: Stages, load: str, data: Path, say: Callable[[str], None]) -> Path:
+        """The folder of the data-driven solution with the file ``data``, a stage of its own; computed unless there."""
+        from workflows.runs.scene import Scene
+        from workflows.runs.solve import solve
+
+        scene = Scene(load, self.strain, elements=self.elements)
+        run = {"load": load, "strain": self.strain, "elements": self.elements}
+        return stages.run(f"dd-{load}", run, lambda out: solve(out, data=data, scene=scene, say=say), (f"data-{load}",))
+
+    def parameters(self) -> dict[str, object]:
+        """All values, for a summary or a hash."""
+        return asdict(self)
