@@ -8,9 +8,11 @@ from tsg_micro.cells.lattice import box_cells, lattice, side_nodes, spheroid_cel
 from tsg_micro.cells.parameters import CellParameters
 from tsg_micro.cells.prestress import SelfStress, prestressed, self_stress, with_bar_force, with_force_density
 from tsg_micro.cells.structure import Structure, equilibrium_matrix, from_arrays, member_vectors
+from tsg_micro.cells.tissue import Tissue
 from tsg_micro.cells.unit_cell import UnitCell, unit_cell
 from tsg_micro.continuum.homogenise import BlockFields, block_fields, cell_gradient, kirchhoff_stress
 from tsg_micro.continuum.rve import RVE, RVEState, build_rve
+from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.continuum.sampling import BOXES, StrainBox, join_paths, sample_paths, strain_path
 from tsg_micro.data.dataset import (
     Dataset,
@@ -37,10 +39,12 @@ __all__ = [
     "EquilibriumSolver",
     "InputError",
     "NewtonOptions",
+    "RVESpec",
     "RVEState",
     "SelfStress",
     "StrainBox",
     "Structure",
+    "Tissue",
     "UnitCell",
     "append_dataset",
     "block_fields",

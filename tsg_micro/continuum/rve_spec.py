@@ -1,0 +1,84 @@
+"""Which RVE data are from, in a form that makes the same one again: tissue, blocks, periodic axes, images, free axes.
+
+A data set holds it among its parameters as ``tissue`` (bar force and cell) and ``rve`` (all else). Older ones say the
+same in other words, or leave out what was at its default then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from tsg_micro.cells.lattice import Images
+from tsg_micro.cells.tissue import Tissue
+from tsg_micro.continuum.rve import RVE
+from tsg_micro.data.dataset import Dataset
+
+__all__ = ["RVESpec"]
+
+SHEET = ("zz", "yz", "xz")
+"""Strain components without stress in a sheet whose faces across z are free."""
+
+
+@dataclass(frozen=True)
+class RVESpec:
+    """A periodic piece of tissue: 2x2x2-cell ``blocks`` along x, y, z, and what holds at its faces.
+
+    ``free`` names the strain components that are found by the condition that their stress vanishes.
+    """
+
+    tissue: Tissue = field(default_factory=Tissue)
+    blocks: tuple[int, int, int] = (1, 1, 1)
+    periodic: tuple[bool, bool, bool] = (True, True, False)
+    images: Images = "merged"
+    free: tuple[str, ...] = SHEET
+
+    def build(self) -> RVE:
+        """The RVE in its reference state.
+
+        Raises:
+            InputError: blocks, axes, images or free components that are not valid.
+        """
+        nx, ny, nz = (2 * n for n in self.blocks)
+        return RVE(self.tissue.box((nx, ny, nz), periodic=self.periodic, images=self.images), free=self.free)
+
+    def parameters(self) -> dict[str, Any]:
+        """What a data set says of it, ready for JSON; :meth:`of` reads it."""
+        rve = {"blocks": self.blocks, "periodic": self.periodic, "images": self.images, "free": self.free}
+        return {"tissue": self.tissue.as_dict(), "rve": {name: _plain(value) for name, value in rve.items()}}
+
+    @classmethod
+    def from_parameters(cls, source: Mapping[str, Any]) -> RVESpec | None:
+        """The RVE of a run with these parameters; None where they name no bar force, as those of measured data.
+
+        Raises:
+            InputError: what is there is not valid.
+        """
+        if "tissue" in source:
+            tissue, rve = Tissue.from_dict(source["tissue"]), source.get("rve", {})
+        elif source.get("bar_force") is not None:  # a file from before data sets knew their tissue
+            named = {name: source[name] for name in ("bar_force", "cell") if name in source}
+            tissue, rve = (
+                Tissue.from_dict(named),
+                {name: source[name] for name in ("blocks", "images") if name in source},
+            )
+            rve["free"] = source["box"].get("free", SHEET) if "box" in source else ()
+        else:
+            return None
+        shape: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in rve.items()}
+        return cls(tissue, **shape)
+
+    @classmethod
+    def of(cls, dataset: Dataset) -> tuple[RVESpec, ...]:
+        """The different RVEs that the data are from, in the order of their runs; none of measured data.
+
+        Raises:
+            InputError: a run's parameters are not valid.
+        """
+        specs = (cls.from_parameters(source) for source in dataset.sources)
+        return tuple(dict.fromkeys(spec for spec in specs if spec is not None))
+
+
+def _plain(value: str | tuple[Any, ...]) -> str | list[Any]:
+    return value if isinstance(value, str) else list(value)
