@@ -11,22 +11,29 @@ from dd_macro.material.laws import FitReport, Law, LinearLaw, PolynomialEnergy
 from dd_macro.material.metric import Metric, isotropic, mean_tangent, metric_from_dataset, secant_modulus
 from dd_macro.material.search import MaterialSearch
 from dd_macro.material.tangent_spaces import TangentSearch
-from dd_macro.methods.finite_projection import FiniteProjection, FiniteState, biot_dataset, in_space, make_projection
-from dd_macro.methods.newton import NewtonIteration, ReferenceOptions, ReferenceResult, solve_law
+from dd_macro.methods.finite_projection import FiniteProjection, FiniteState, biot_dataset, in_space
+from dd_macro.methods.metric_choice import METRICS, choose_metric, visited_tangent
+from dd_macro.methods.newton import NewtonIteration, ReferenceOptions, ReferenceResult, equilibrium, solve_law
 from dd_macro.methods.points import DataDrivenResult, Iteration, SolverOptions, solve
 from dd_macro.methods.projection import MechanicalState, Projection
 from dd_macro.methods.second_order import SecondOrderOptions, SecondOrderResult, solve_second_order
-from dd_macro.methods.visited_metric import visited_tangent
+from dd_macro.methods.solution import Solution
+from dd_macro.methods.theory import THEORIES, make_projection, project
 from dd_macro.results.compare import BlockStress, Comparison, FieldError, compare_blocks, interior_blocks
 from dd_macro.results.quadrature_file import QuadratureFields, read_quadrature, write_quadrature
 from dd_macro.results.vtkhdf import write_vtkhdf
-from dd_macro.scene.boundary import Displacement, Traction
+from dd_macro.results.write import write_solution
+from dd_macro.scene.boundary import Displacement
 from dd_macro.scene.kinematics import FiniteStrain
+from dd_macro.scene.loads import Load, Traction
 from dd_macro.scene.mesh import SIDES, TaggedMesh, box, read_msh
+from dd_macro.scene.problem import Problem
 from dd_macro.scene.spaces import GradientOperator, StrainOperator, TangentMatrix
 
 __all__ = [
+    "METRICS",
     "SIDES",
+    "THEORIES",
     "BlockStress",
     "Comparison",
     "DataDrivenResult",
@@ -41,17 +48,20 @@ __all__ = [
     "KernelError",
     "Law",
     "LinearLaw",
+    "Load",
     "MaterialSearch",
     "MechanicalState",
     "Metric",
     "NewtonIteration",
     "PolynomialEnergy",
+    "Problem",
     "Projection",
     "QuadratureFields",
     "ReferenceOptions",
     "ReferenceResult",
     "SecondOrderOptions",
     "SecondOrderResult",
+    "Solution",
     "SolverOptions",
     "StrainOperator",
     "TaggedMesh",
@@ -60,7 +70,9 @@ __all__ = [
     "Traction",
     "biot_dataset",
     "box",
+    "choose_metric",
     "compare_blocks",
+    "equilibrium",
     "estimate_tangents",
     "fit_linear",
     "fit_polynomial",
@@ -71,6 +83,7 @@ __all__ = [
     "mean_tangent",
     "metric_from_dataset",
     "mirrors_of",
+    "project",
     "read_msh",
     "read_quadrature",
     "secant_modulus",
@@ -79,5 +92,6 @@ __all__ = [
     "solve_second_order",
     "visited_tangent",
     "write_quadrature",
+    "write_solution",
     "write_vtkhdf",
 ]

@@ -13,25 +13,21 @@ rotations should stay well below a radian; the second-order solve has no such li
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from dd_macro.material.metric import Metric
-from dd_macro.methods.points import DataDrivenResult
 from dd_macro.methods.projection import MechanicalState, Projection
-from dd_macro.scene.boundary import Displacement, Traction
+from dd_macro.methods.solution import Solution
 from dd_macro.scene.kinematics import FiniteStrain, Kinematics, second_piola
-from dd_macro.scene.spaces import GradientOperator, StrainOperator
 from tsg_micro.data.dataset import Dataset, convert_dataset
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.mandel import from_mandel, to_mandel
 from tsg_micro.data.stress import convert_stress
 
-__all__ = ["FiniteProjection", "FiniteState", "biot_dataset", "in_space", "make_projection", "state_on"]
+__all__ = ["FiniteProjection", "FiniteState", "biot_dataset", "in_space", "state_on"]
 
 Array = NDArray[np.float64]
 _TURNS, _SETTLED = 100, 1e-9
@@ -43,6 +39,11 @@ class FiniteState(MechanicalState):
 
     F: Array
     first_piola: Array
+
+    @property
+    def nominal_stress(self) -> Array:
+        """First Piola stress (n, 9) in Pa."""
+        return self.first_piola.reshape(-1, 9)
 
 
 class FiniteProjection(Projection):
@@ -61,7 +62,7 @@ class FiniteProjection(Projection):
         R = np.broadcast_to(np.eye(3), U.shape) if self._rotation is None else self._rotation
         for _ in range(_TURNS):
             gap = (R @ U - np.eye(3)).reshape(-1, 9) - self._prescribed_strain
-            u = self.prescribed + self._linear.solve(op.force(gap @ C))
+            u = self.problem.prescribed + self._linear.solve(op.force(gap @ C))
             found = self._kinematics(op.strain(u))
             turned = op.comm.allreduce(float(np.abs(found.R - R).max(initial=0.0)), MPI.MAX)
             R = found.R
@@ -73,7 +74,7 @@ class FiniteProjection(Projection):
             )
         self._rotation = R
         data = (R @ U @ second_piola(U, stress)).reshape(-1, 9)
-        eta = self._linear.solve(self.loads - op.force(data))
+        eta = self._linear.solve(self.problem.forces - op.force(data))
         return _state(u, eta, found, data + op.strain(eta) @ C)
 
     def elastic(self) -> FiniteState:
@@ -87,32 +88,11 @@ class FiniteProjection(Projection):
         self._rotation = found.R
         return _state(u, np.zeros_like(u), found, found.nominal_stress(found.strain @ self.metric.C))
 
-    def nominal_stress(self, z: MechanicalState) -> Array:
-        """First Piola stress (n, 9) in Pa."""
-        assert isinstance(z, FiniteState)
-        return z.first_piola.reshape(-1, 9)
-
     def _kinematics(self, gradient: Array) -> FiniteStrain:
         found = FiniteStrain(gradient)
         if self.operator.comm.allreduce(found.inside_out, MPI.LOR):
             raise ConvergenceError("finite strain: expected det F > 0 at every quadrature point, got less")
         return found
-
-
-def make_projection(
-    operator: StrainOperator,
-    metric: Metric,
-    conditions: Sequence[Displacement],
-    tractions: Sequence[Traction] = (),
-) -> Projection:
-    """The projection of a scene, in finite strain if ``operator`` is that of gradients.
-
-    Raises:
-        InputError: bad conditions or tractions.
-        ConvergenceError: the factorisation fails.
-    """
-    kind = FiniteProjection if isinstance(operator, GradientOperator) else Projection
-    return kind(operator, metric, conditions, tractions)
 
 
 def _state(u: Array, eta: Array, found: FiniteStrain, nominal: Array) -> FiniteState:
@@ -127,7 +107,7 @@ def state_on(u: Array, found: Kinematics, stress: Array) -> MechanicalState:
     return MechanicalState(u, np.zeros_like(u), found.strain, stress)
 
 
-def in_space(result: DataDrivenResult, measure: str = "first_piola") -> DataDrivenResult:
+def in_space[S: Solution](result: S, measure: str = "first_piola") -> S:
     """``result`` with strain sym(F - I) and the stress ``measure``, both states turned to where the body is.
 
     A result in small strain stays as it is.

@@ -11,6 +11,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -18,15 +19,17 @@ from numpy.typing import NDArray
 
 from dd_macro.material.laws import Law
 from dd_macro.methods.finite_projection import state_on
-from dd_macro.methods.projection import MechanicalState
+from dd_macro.methods.solution import Solution
 from dd_macro.parallel import one_thread, total
-from dd_macro.scene.boundary import Displacement, Traction, nodal_forces, prescribed_displacement, support_force
+from dd_macro.scene.boundary import Displacement
 from dd_macro.scene.kinematics import Kinematics
 from dd_macro.scene.linear import LinearSolver
+from dd_macro.scene.loads import Load
+from dd_macro.scene.problem import Problem
 from dd_macro.scene.spaces import StrainOperator, TangentMatrix
 from tsg_micro.data.errors import ConvergenceError, InputError
 
-__all__ = ["NewtonIteration", "ReferenceOptions", "ReferenceResult", "solve_law"]
+__all__ = ["NewtonIteration", "ReferenceOptions", "ReferenceResult", "equilibrium", "solve_law"]
 
 Array = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -73,23 +76,29 @@ class NewtonIteration:
     negative_pivots: int | None
 
 
-@dataclass(frozen=True)
-class ReferenceResult:
-    """The state in equilibrium; arrays hold what this rank owns, numbers are of the whole body.
+@dataclass(frozen=True, kw_only=True)
+class ReferenceResult(Solution):
+    """The solution with a law, whose states are the mechanical ones; eta is zero.
 
-    ``mechanical`` has u, strain and stress (its eta is zero), ``tangent`` (n, 6, 6) in Pa is the law's there, and
-    ``reactions`` the force (3,) in N on the body by side with a prescribed displacement. ``iterations`` counts the
-    linear solves, ``load_steps`` the load steps that converged.
+    ``tangent`` (n, 6, 6) in Pa is the law's there, and ``reactions`` the force (3,) in N on the body by side with a
+    prescribed displacement. ``iterations`` counts the linear solves, ``load_steps`` the load steps that converged.
     """
 
-    mechanical: MechanicalState
     tangent: Array
     reactions: dict[str, Array]
     residual: float
-    iterations: int
     load_steps: int
-    solver: str
     history: tuple[NewtonIteration, ...]
+
+    def figures(self) -> dict[str, tuple[Any, str]]:
+        """Numbers of the solution for a summary, each with its unit; collective."""
+        return super().figures() | {
+            "load_steps": (self.load_steps, ""),
+            "residual": (self.residual, "force of the supports"),
+            "residual_history": ([i.residual for i in self.history], "force of the supports"),
+            "load_history": ([i.load for i in self.history], ""),
+            "step_history": ([i.step for i in self.history], ""),
+        }
 
 
 @dataclass(frozen=True)
@@ -106,12 +115,25 @@ class _State:
     residual: float
 
 
-@one_thread
 def solve_law(
     operator: StrainOperator,
     law: Law,
     conditions: Sequence[Displacement],
-    tractions: Sequence[Traction] = (),
+    tractions: Sequence[Load] = (),
+    *,
+    steps: int = 1,
+    options: ReferenceOptions | None = None,
+    progress: Callable[[NewtonIteration], None] | None = None,
+) -> ReferenceResult:
+    """:func:`equilibrium` of the body that is held by ``conditions`` and loaded by ``tractions``."""
+    problem = Problem(operator, conditions, tractions)
+    return equilibrium(problem, law, steps=steps, options=options, progress=progress)
+
+
+@one_thread
+def equilibrium(
+    problem: Problem,
+    law: Law,
     *,
     steps: int = 1,
     options: ReferenceOptions | None = None,
@@ -124,16 +146,16 @@ def solve_law(
     PETSc options have the prefix ``ref_``. ``progress`` is called on every rank after each linear solve.
 
     Raises:
-        InputError: bad conditions, tractions or number of steps.
+        InputError: a bad number of steps.
         ConvergenceError: a load step did not converge although it was halved ``max_cuts`` times; it has the history.
     """
     if steps < 1:
         raise InputError(f"steps: expected at least 1, got {steps}")
-    scene = _Scene(operator, law, conditions, tractions, options or ReferenceOptions())
+    scene = _Newton(problem, law, options or ReferenceOptions())
     scene.progress = progress
     load, size, load_steps, cuts = 0.0, 1.0 / steps, 0, 0
     try:
-        state = scene.evaluate(np.zeros(operator.owned_dofs), load)
+        state = scene.evaluate(np.zeros(problem.operator.owned_dofs), load)
         while load < 1.0 - 1e-12:
             goal = min(load + size, 1.0)
             try:
@@ -147,10 +169,22 @@ def solve_law(
             load, load_steps = goal, load_steps + 1
     except ConvergenceError as error:
         raise ConvergenceError(f"Newton's method, from load {load:.4g}: {error}", scene.history) from None
+    z = state_on(state.u, state.found, state.stress)
+    points = len(z.strain)
     return ReferenceResult(
-        mechanical=state_on(state.u, state.found, state.stress),
+        problem=problem,
+        metric=None,
+        mechanical=z,
+        material_strain=z.strain,
+        material_stress=z.stress,
+        index=np.full(points, -1, dtype=np.int64),
+        local_distance=np.zeros(points),
+        distance=0.0,
+        normalised_distance=0.0,
+        converged=True,
+        reason="a law at every point",
         tangent=state.tangent,
-        reactions={c.side: support_force(operator, c.side, state.out_of_balance) for c in conditions},
+        reactions={c.side: problem.support_force(c.side, state.out_of_balance) for c in problem.supports},
         residual=state.residual,
         iterations=len(scene.history),
         load_steps=load_steps,
@@ -159,21 +193,13 @@ def solve_law(
     )
 
 
-class _Scene:
-    """What stays during the iteration: conditions, the matrix and its solver, the history."""
+class _Newton:
+    """What stays during the iteration: the problem, the matrix and its solver, the history."""
 
-    def __init__(
-        self,
-        operator: StrainOperator,
-        law: Law,
-        conditions: Sequence[Displacement],
-        tractions: Sequence[Traction],
-        options: ReferenceOptions,
-    ) -> None:
-        self.operator, self.law, self.options = operator, law, options
-        self.fixed, self.prescribed = prescribed_displacement(operator, conditions)
-        self.loads = nodal_forces(operator, tractions)
-        self.matrix = TangentMatrix(operator)
+    def __init__(self, problem: Problem, law: Law, options: ReferenceOptions) -> None:
+        self.problem, self.law, self.options = problem, law, options
+        self.operator = problem.operator
+        self.matrix = TangentMatrix(problem.operator)
         self._linear: LinearSolver | None = None
         self._gross = 0.0
         self.history: list[NewtonIteration] = []
@@ -192,10 +218,10 @@ class _Scene:
             ConvergenceError: it was not found.
         """
         tangent = self._factorise(state)
-        jump = (load - state.load) * self.prescribed
+        jump = (load - state.load) * self.problem.prescribed
         change = np.einsum("nij,nj->ni", tangent, self.operator.strain(jump))
         predicted = state.found.nominal_stress(state.stress) + change
-        step = jump + self.linear.solve(load * self.loads - self.operator.force(predicted))
+        step = jump + self.linear.solve(load * self.problem.forces - self.operator.force(predicted))
         state = self._record(self.evaluate(state.u + step, load), 1.0)
         for _ in range(self.options.max_iterations):
             if state.residual <= self.options.tolerance:
@@ -230,10 +256,10 @@ class _Scene:
         first = op.comm.allreduce(op.comm.size if message is None else op.comm.rank, op=MPI.MIN)
         if first < op.comm.size:
             raise ConvergenceError(f"the law fails at load {load:.4g}: {op.comm.bcast(message, root=first)}")
-        loads = load * self.loads
+        loads = load * self.problem.forces
         nominal = found.nominal_stress(stress)
         out = op.force(nominal) - loads
-        free, held = np.where(self.fixed, 0.0, out), np.where(self.fixed, out, 0.0)
+        free, held = np.where(self.problem.fixed, 0.0, out), np.where(self.problem.fixed, out, 0.0)
         at_points = op.weights ** (2 / 3) * np.linalg.norm(nominal, axis=1)
         squares = total(op.comm, [free @ free, held @ held + loads @ loads, at_points @ at_points])
         norm, reacting, gross = (float(value) for value in np.sqrt(squares))
@@ -269,7 +295,7 @@ class _Scene:
         moduli = state.found.nominal_tangent(state.stress, state.tangent)
         K = self.matrix.assemble(moduli)
         if self._linear is None:
-            self._linear = LinearSolver(self.operator, K, self.fixed, prefix="ref_", definite=False)
+            self._linear = LinearSolver(self.operator, K, self.problem.fixed, prefix="ref_", definite=False)
         else:
             self._linear.update()
         return moduli

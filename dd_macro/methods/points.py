@@ -11,12 +11,14 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dd_macro.material.search import MaterialSearch
 from dd_macro.methods.projection import MechanicalState, Projection
+from dd_macro.methods.solution import Solution
 from dd_macro.parallel import one_thread, total
 from tsg_micro.data.errors import ConvergenceError, InputError
 
@@ -65,29 +67,36 @@ class Iteration:
     seconds_solve: float
 
 
-@dataclass(frozen=True)
-class DataDrivenResult:
-    """Mechanical and material state; arrays hold what this rank owns, numbers are of the whole body.
-
-    ``mechanical`` has u, eta, strain and stress; ``material_strain`` (n, 6), ``material_stress`` (n, 6) in Pa and
-    ``index`` (n,) are the data, ``local_distance`` (n,) in sqrt(J/m^3). ``distance`` = |y - z| in sqrt(J),
-    ``normalised_distance`` = |y - z| / |z| (paper, Section 4.2). ``outside_data`` is the fraction of quadrature points
-    whose mechanical strain leaves the range of the data in some component that is not silent, by more than a tenth of
-    the widest range.
+@dataclass(frozen=True, kw_only=True)
+class DataDrivenResult(Solution):
+    """The solution with data. ``outside_data`` is the fraction of quadrature points whose mechanical strain leaves the
+    range of the data in some component that is not silent, by more than a tenth of the widest range; ``queries`` were
+    made of the search on this rank, of which ``skips`` needed none.
     """
 
-    mechanical: MechanicalState
-    material_strain: Array
-    material_stress: Array
-    index: NDArray[np.int64]
-    local_distance: Array
-    distance: float
-    normalised_distance: float
     outside_data: float
-    iterations: int
-    converged: bool
-    reason: str
+    queries: int
+    skips: int
     history: tuple[Iteration, ...]
+
+    def figures(self) -> dict[str, tuple[Any, str]]:
+        """Numbers of the solution for a summary, each with its unit; collective."""
+        assert self.metric is not None
+        queries, skips = (int(n) for n in total(self.problem.operator.comm, [self.queries, self.skips]))
+        return super().figures() | {
+            "converged": (self.converged, ""),
+            "reason": (self.reason, ""),
+            "distance": (self.distance, "sqrt(J)"),
+            "outside_data": (self.outside_data, "fraction of quadrature points"),
+            "metric": (self.metric.C, "Pa"),
+            "metric_reason": (self.metric.reason, ""),
+            "queries": (queries, ""),
+            "queries_skipped": (skips, ""),
+            "distance_history": ([i.distance for i in self.history], "sqrt(J)"),
+            "changed_history": ([i.changed for i in self.history], ""),
+            "seconds_search": (sum(i.seconds_search for i in self.history), "s"),
+            "seconds_linear_solves": (sum(i.seconds_solve for i in self.history), "s"),
+        }
 
 
 @one_thread
@@ -197,6 +206,11 @@ def _result(
     sums = total(comm, [w @ local**2, w @ size, outside.sum(), len(w)])
     normalised = float(np.sqrt(sums[0] / sums[1])) if sums[1] > 0 else float(sums[0] > 0)
     return DataDrivenResult(
+        problem=projection.problem,
+        metric=projection.metric,
+        solver=projection.solver,
+        queries=search.queries,
+        skips=search.skips,
         mechanical=z,
         material_strain=data.strain[index],
         material_stress=data.stress[index],

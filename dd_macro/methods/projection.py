@@ -10,15 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dd_macro.material.metric import Metric
 from dd_macro.parallel import total
-from dd_macro.scene.boundary import Displacement, Traction, nodal_forces, prescribed_displacement, support_force
+from dd_macro.scene.boundary import Displacement
 from dd_macro.scene.linear import LinearSolver
+from dd_macro.scene.loads import Load
+from dd_macro.scene.problem import Problem
 from dd_macro.scene.spaces import StrainOperator, stiffness_matrix
 
 __all__ = ["MechanicalState", "Projection", "relative_distance"]
@@ -39,9 +41,14 @@ class MechanicalState:
     strain: Array
     stress: Array
 
+    @property
+    def nominal_stress(self) -> Array:
+        """The stress of the equations, (n, 6) in Pa."""
+        return self.stress
+
 
 class Projection:
-    """The assembled and factorised projection of one scene.
+    """The assembled and factorised projection of one problem; :meth:`of` makes it of a Problem.
 
     The linear solver is that of :class:`dd_macro.scene.linear.LinearSolver`, its PETSc options have the prefix ``dd_``;
     ``solver`` says what is used.
@@ -50,7 +57,7 @@ class Projection:
         operator: mesh, space and strain operator.
         metric: the C of the metric.
         conditions: prescribed displacements; they must leave no rigid-body motion free.
-        tractions: dead tractions; f of the equations.
+        tractions: loads; f of the equations.
 
     Raises:
         InputError: bad conditions or tractions.
@@ -62,14 +69,27 @@ class Projection:
         operator: StrainOperator,
         metric: Metric,
         conditions: Sequence[Displacement],
-        tractions: Sequence[Traction] = (),
+        tractions: Sequence[Load] = (),
     ) -> None:
-        self.operator, self.metric = operator, metric
-        self.fixed, self.prescribed = prescribed_displacement(operator, conditions)
-        self.loads = nodal_forces(operator, tractions)
-        self._prescribed_strain = operator.strain(self.prescribed)
+        self._factorise(Problem(operator, conditions, tractions), metric)
+
+    @classmethod
+    def of(cls, problem: Problem, metric: Metric) -> Self:
+        """The projection of ``problem`` in ``metric``.
+
+        Raises:
+            ConvergenceError: the factorisation fails.
+        """
+        projection = cls.__new__(cls)
+        projection._factorise(problem, metric)
+        return projection
+
+    def _factorise(self, problem: Problem, metric: Metric) -> None:
+        operator = problem.operator
+        self.problem, self.operator, self.metric = problem, operator, metric
+        self._prescribed_strain = operator.strain(problem.prescribed)
         self._modulus = operator.modulus(metric.C)
-        self._linear = LinearSolver(operator, stiffness_matrix(operator, metric.C), self.fixed, prefix="dd_")
+        self._linear = LinearSolver(operator, stiffness_matrix(operator, metric.C), problem.fixed, prefix="dd_")
         self.solver = self._linear.name
 
     def project(self, strain: Array, stress: Array) -> MechanicalState:
@@ -79,8 +99,8 @@ class Projection:
             ConvergenceError: the linear solver fails.
         """
         op, C = self.operator, self.metric.C
-        u = self.prescribed + self._linear.solve(op.force((strain - self._prescribed_strain) @ C))
-        eta = self._linear.solve(self.loads - op.force(stress))
+        u = self.problem.prescribed + self._linear.solve(op.force((strain - self._prescribed_strain) @ C))
+        eta = self._linear.solve(self.problem.forces - op.force(stress))
         return MechanicalState(u, eta, op.strain(u), stress + op.strain(eta) @ C)
 
     def elastic(self) -> MechanicalState:
@@ -90,16 +110,13 @@ class Projection:
             ConvergenceError: the linear solver fails.
         """
         op, C = self.operator, self._modulus
-        u = self.prescribed + self._linear.solve(self.loads - op.force(self._prescribed_strain @ C))
+        u = self.problem.prescribed + self._linear.solve(self.problem.forces - op.force(self._prescribed_strain @ C))
         strain = op.strain(u)
         return MechanicalState(u, np.zeros_like(u), strain, strain @ C)
 
     def residual(self, stress: Array) -> float:
-        """Norm of the out-of-balance force on the free components, relative to that of all nodal forces."""
-        force = self.operator.force(stress)
-        out = np.where(self.fixed, 0.0, force - self.loads)
-        squares = total(self.operator.comm, [out @ out, force @ force + self.loads @ self.loads])
-        return float(np.sqrt(squares[0] / squares[1])) if squares[1] != 0 else 0.0
+        """:meth:`dd_macro.Problem.residual` of the stress of the equations."""
+        return self.problem.residual(stress)
 
     def reaction(self, z: MechanicalState, side: str) -> Array:
         """Force (3,) in N that the supports of ``side`` exert on the body.
@@ -107,11 +124,7 @@ class Projection:
         Raises:
             InputError: no such side.
         """
-        return support_force(self.operator, side, self.operator.force(self.nominal_stress(z)) - self.loads)
-
-    def nominal_stress(self, z: MechanicalState) -> Array:
-        """The stress (n, 6) in Pa of the equations."""
-        return z.stress
+        return self.problem.support_force(side, self.problem.out_of_balance(z.nominal_stress))
 
 
 class State(Protocol):

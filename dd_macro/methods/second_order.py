@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dd_macro.material.tangent_spaces import SpaceProjection, TangentSearch, TangentSpaces
-from dd_macro.methods.finite_projection import FiniteProjection
 from dd_macro.methods.points import DataDrivenResult, Iteration
 from dd_macro.methods.projection import MechanicalState, Projection
-from dd_macro.methods.second_order_steps import AlternatingStep, Record, Step, local_tangent_step
+from dd_macro.methods.second_order_steps import AlternatingStep, Record, Step
+from dd_macro.methods.theory import local_tangent_step, theory_of
 from dd_macro.parallel import one_thread, total
 from tsg_micro.data.errors import ConvergenceError, InputError
 
@@ -60,7 +60,7 @@ class SecondOrderOptions:
             raise InputError(f"tolerance: expected a number between 0 and 1, got {self.tolerance}")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SecondOrderResult(DataDrivenResult):
     """The result of a second-order solve; ``index`` is the nearest datum, the material state is not that datum.
 
@@ -72,6 +72,13 @@ class SecondOrderResult(DataDrivenResult):
     lookups: int
     held: int
     extrapolated: float
+
+    def figures(self) -> dict[str, tuple[Any, str]]:
+        """Numbers of the solution for a summary, each with its unit; collective."""
+        return super().figures() | {
+            "extrapolated": (self.extrapolated, "fraction of quadrature points"),
+            "held": (self.held, "quadrature points"),
+        }
 
 
 class _Picks:
@@ -146,7 +153,7 @@ def solve_second_order(
         raise InputError(f"method: expected {' or '.join(get_args(Method))}, got {method!r}")
     if not np.array_equal(projection.metric.C, search.metric.C):
         raise InputError("metric: expected the same C in the projection and in the search, got two different ones")
-    if method == "alternating" and isinstance(projection, FiniteProjection):
+    if method == "alternating" and not theory_of(projection.operator).linear:
         raise InputError(
             "method: expected local-tangent in finite strain, got 'alternating', which needs linear spaces"
         )
@@ -213,6 +220,11 @@ def _result(
     outside = ((z.strain < low - margin) | (z.strain > high + margin)).any(axis=1)
     sums = total(comm, [w @ local**2, w @ (white**2).sum(axis=1), outside.sum(), (part < 1).sum(), len(w)])
     return SecondOrderResult(
+        problem=record.projection.problem,
+        metric=search.metric,
+        solver=record.projection.solver,
+        queries=search.queries,
+        skips=search.skips,
         mechanical=z,
         material_strain=strain,
         material_stress=stress,

@@ -18,7 +18,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from dd_macro.material.tangent_spaces import SpaceProjection, TangentSpaces
-from dd_macro.methods.finite_projection import FiniteProjection, state_on
+from dd_macro.methods.finite_projection import state_on
 from dd_macro.methods.points import Iteration
 from dd_macro.methods.projection import MechanicalState, Projection
 from dd_macro.parallel import total
@@ -27,7 +27,7 @@ from dd_macro.scene.linear import LinearSolver
 from dd_macro.scene.spaces import TangentMatrix
 from tsg_micro.data.errors import ConvergenceError
 
-__all__ = ["AlternatingStep", "FiniteTangentStep", "LocalTangentStep", "Record", "Step", "local_tangent_step"]
+__all__ = ["AlternatingStep", "FiniteTangentStep", "LocalTangentStep", "Record", "Step"]
 
 Array = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -167,7 +167,7 @@ class LocalTangentStep:
             if correction > 1 and residual > left:
                 break
             left = residual
-            u = u + linear.solve(scene.loads - op.force(stress))
+            u = u + linear.solve(scene.problem.forces - op.force(stress))
             strain = op.strain(u)
         raise ConvergenceError(
             f"local tangents: expected equilibrium, got an out-of-balance force of {residual:.3g} of all forces; the "
@@ -179,7 +179,7 @@ class LocalTangentStep:
         K = self._matrix.assemble(0.5 * (tangent + tangent.swapaxes(1, 2)))
         if self._linear is None:
             scene = self.record.projection
-            self._linear = LinearSolver(scene.operator, K, scene.fixed, prefix="dd_tangent_", definite=False)
+            self._linear = LinearSolver(scene.operator, K, scene.problem.fixed, prefix="dd_tangent_", definite=False)
         else:
             self._linear.update()
         return self._linear
@@ -193,9 +193,9 @@ class FiniteTangentStep(LocalTangentStep):
 
     exact = False
 
-    def __init__(self, record: Record, scene: FiniteProjection) -> None:
+    def __init__(self, record: Record) -> None:
         super().__init__(record)
-        self.scene = scene
+        self.scene = record.projection
         self._last: tuple[Array, FiniteStrain] | None = None
 
     def __call__(
@@ -210,7 +210,7 @@ class FiniteTangentStep(LocalTangentStep):
             if final and residual <= _BALANCE:
                 return state
             linear = self._factorise(found.nominal_tangent(state.stress, spaces.tangent))
-            step = linear.solve(scene.loads - scene.operator.force(scene.nominal_stress(state)))
+            step = linear.solve(scene.problem.forces - scene.operator.force(state.nominal_stress))
             for part in 0.5 ** np.arange(_HALVINGS):
                 trial, found, out = self._on(spaces, state.u + part * step)
                 if out <= (1 - 1e-4 * part) * residual or out <= _BALANCE:
@@ -235,11 +235,5 @@ class FiniteTangentStep(LocalTangentStep):
         found = self._last[1]
         stress = spaces.stress + np.einsum("nij,nj->ni", spaces.tangent, found.strain - spaces.strain)
         state = state_on(u, found, stress)
-        residual = scene.residual(scene.nominal_stress(state))
+        residual = scene.residual(state.nominal_stress)
         return state, found, np.inf if scene.operator.comm.allreduce(found.inside_out, MPI.LOR) else residual
-
-
-def local_tangent_step(record: Record) -> LocalTangentStep:
-    """The step with local tangents for the kinematics of the record's scene."""
-    scene = record.projection
-    return FiniteTangentStep(record, scene) if isinstance(scene, FiniteProjection) else LocalTangentStep(record)

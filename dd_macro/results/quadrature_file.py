@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dd_macro.methods.finite_projection import in_space
-from dd_macro.methods.points import DataDrivenResult
+from dd_macro.methods.solution import Solution
 from dd_macro.parallel import atomic_path_of_all, in_turn
 from dd_macro.scene.spaces import StrainOperator
 from tsg_micro.data.errors import InputError
@@ -82,9 +82,7 @@ class QuadratureFields:
         return np.einsum("cq,cq...->c...", w, values)
 
 
-def write_quadrature(
-    path: str | Path, operator: StrainOperator, result: DataDrivenResult, *, stress_measure: str
-) -> None:
+def write_quadrature(path: str | Path, operator: StrainOperator, result: Solution, *, stress_measure: str) -> None:
     """Write ``result`` to the HDF5 file ``path``, whole or not at all; the ranks take turns.
 
     A result in finite strain is written as dd_macro.in_space shows it, with the stress ``stress_measure``.
@@ -148,7 +146,7 @@ def read_quadrature(path: str | Path) -> QuadratureFields:
         )
 
 
-def _fields(operator: StrainOperator, result: DataDrivenResult) -> dict[str, NDArray[Any]]:
+def _fields(operator: StrainOperator, result: Solution) -> dict[str, NDArray[Any]]:
     """The arrays of the file, this rank's cells in their local order."""
     z = result.mechanical
     at_points = {

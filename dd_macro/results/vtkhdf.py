@@ -15,25 +15,26 @@ from numpy.typing import NDArray
 
 from dd_macro.compat import geometry_nodes
 from dd_macro.methods.finite_projection import in_space
-from dd_macro.methods.points import DataDrivenResult
 from dd_macro.methods.projection import Projection
+from dd_macro.methods.solution import Solution
 from dd_macro.parallel import atomic_path_of_all, in_turn
 from dd_macro.results.quadrature_file import VTK_CORNERS
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import COMPONENTS, pressure, von_mises
 
-__all__ = ["cell_fields", "write_vtkhdf"]
+__all__ = ["cell_fields", "write_cells", "write_vtkhdf"]
 
 Array = NDArray[np.float64]
 _HEXAHEDRON = 12  # VTK's number of this cell
 
 
-def cell_fields(projection: Projection, result: DataDrivenResult) -> dict[str, Array]:
+def cell_fields(result: Solution) -> dict[str, Array]:
     """Cell means of this rank: strain and stress as Mandel vectors (cells, 6) and by component, p, q, local distance.
 
-    ``relative_distance`` is |y - z| / |z| of the cell, the paper's normalised distance taken cell by cell.
+    ``relative_distance`` is |y - z| / |z| of the cell, the paper's normalised distance taken cell by cell; zero where
+    the material is a law.
     """
-    operator, z = projection.operator, result.mechanical
+    operator, z = result.problem.operator, result.mechanical
     states = {
         "mechanical": (z.strain, z.stress),
         "material": (result.material_strain, result.material_stress),
@@ -48,16 +49,20 @@ def cell_fields(projection: Projection, result: DataDrivenResult) -> dict[str, A
                 fields[f"{state}_{quantity}_{component}"] = mean[:, i] * scale[i]
         mean_stress = fields[f"{state}_stress"]
         fields[f"{state}_p"], fields[f"{state}_q"] = pressure(mean_stress), von_mises(mean_stress)
-    z_squares = operator.cell_mean((projection.metric.whiten(z.strain, z.stress) ** 2).sum(axis=1))
     squares = operator.cell_mean(result.local_distance**2)
-    fields["local_distance"] = np.sqrt(squares)
-    fields["relative_distance"] = np.sqrt(
-        np.divide(squares, z_squares, out=np.zeros_like(squares), where=z_squares > 0)
-    )
+    fields["local_distance"], fields["relative_distance"] = np.sqrt(squares), np.zeros_like(squares)
+    if result.metric is not None:
+        size = operator.cell_mean((result.metric.whiten(z.strain, z.stress) ** 2).sum(axis=1))
+        fields["relative_distance"] = np.sqrt(np.divide(squares, size, out=np.zeros_like(squares), where=size > 0))
     return fields
 
 
-def write_vtkhdf(path: str | Path, projection: Projection, result: DataDrivenResult) -> None:
+def write_vtkhdf(path: str | Path, projection: Projection, result: Solution) -> None:
+    """:func:`write_cells`; the projection is that of the result."""
+    write_cells(path, result)
+
+
+def write_cells(path: str | Path, result: Solution) -> None:
     """Write ``result`` to the file ``path`` (suffix .vtkhdf), whole or not at all; the ranks take turns.
 
     A result in finite strain is written as dd_macro.in_space shows it, with the first Piola stress.
@@ -67,9 +72,9 @@ def write_vtkhdf(path: str | Path, projection: Projection, result: DataDrivenRes
     """
     if Path(path).suffix != ".vtkhdf":
         raise InputError(f"output {path}: expected a name that ends in .vtkhdf, by which ParaView knows its reader")
-    operator = projection.operator
+    operator = result.problem.operator
     comm = operator.comm
-    fields = cell_fields(projection, in_space(result))
+    fields = cell_fields(in_space(result))
     nodes, connectivity = np.unique(geometry_nodes(operator.domain.mesh)[:, VTK_CORNERS], return_inverse=True)
     points = operator.domain.mesh.geometry.x[nodes]
     u = np.empty_like(points)

@@ -1,4 +1,4 @@
-"""Boundary conditions by the name of a side: prescribed displacements and tractions."""
+"""Supports by the name of a side: prescribed displacements."""
 
 from __future__ import annotations
 
@@ -6,18 +6,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import dolfinx
-import dolfinx.fem.petsc
 import numpy as np
-import ufl
 from numpy.typing import NDArray
-from petsc4py import PETSc
 
-from dd_macro.compat import compile_form
 from dd_macro.parallel import check_everywhere, total
 from dd_macro.scene.spaces import StrainOperator
 from tsg_micro.data.errors import InputError
 
-__all__ = ["Displacement", "Traction", "nodal_forces", "prescribed_displacement", "side_dofs", "support_force"]
+__all__ = ["Displacement", "prescribed_displacement", "side_dofs"]
 
 Array = NDArray[np.float64]
 
@@ -35,14 +31,6 @@ class Displacement:
     value: Sequence[float] | Callable[[Array], Array] = (0.0, 0.0, 0.0)
     components: tuple[int, ...] = (0, 1, 2)
     where: Callable[[Array], NDArray[np.bool_]] | None = None
-
-
-@dataclass(frozen=True)
-class Traction:
-    """Dead traction (3,) in Pa on a side."""
-
-    side: str
-    value: tuple[float, float, float]
 
 
 def side_dofs(operator: StrainOperator, side: str) -> NDArray[np.int64]:
@@ -95,44 +83,6 @@ def prescribed_displacement(
             f"boundary conditions: expected no rigid-body motion left free, got {6 - rank} of 6; fix more components"
         )
     return fixed.reshape(-1), values.reshape(-1)
-
-
-def nodal_forces(operator: StrainOperator, tractions: Sequence[Traction]) -> Array:
-    """Consistent nodal forces (3 * nodes,) in N of the tractions.
-
-    Raises:
-        InputError: an unknown side, one without outer facets, or a value that is not three finite numbers.
-    """
-    forces = np.zeros(operator.owned_dofs)
-    mesh = operator.domain.mesh
-    for traction in tractions:
-        facets = operator.domain.facets(traction.side)
-        value = np.asarray(traction.value, dtype=float)
-        if value.shape != (3,) or not np.isfinite(value).all():
-            raise InputError(
-                f"traction on {traction.side!r}: expected three finite numbers in Pa, got {traction.value}"
-            )
-        mesh.topology.create_connectivity(2, 3)
-        outer = np.isin(facets, dolfinx.mesh.exterior_facet_indices(mesh.topology)).sum()
-        if operator.comm.allreduce(int(outer)) == 0:
-            raise InputError(f"traction on {traction.side!r}: expected outer facets of the mesh, got none")
-        # always tag 1, so that one compiled kernel serves every side
-        tags = dolfinx.mesh.meshtags(mesh, 2, np.sort(facets), np.ones(len(facets), dtype=np.int32))
-        ds = ufl.Measure("ds", mesh, subdomain_data=tags)
-        v = ufl.TestFunction(operator.displacements)
-        b = dolfinx.fem.petsc.assemble_vector(compile_form(ufl.inner(dolfinx.fem.Constant(mesh, value), v) * ds(1)))
-        b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        forces += b.array
-    return forces
-
-
-def support_force(operator: StrainOperator, side: str, out_of_balance: Array) -> Array:
-    """Force (3,) in N that the supports of ``side`` exert: the sum of internal minus external nodal forces there.
-
-    Raises:
-        InputError: no such side.
-    """
-    return total(operator.comm, out_of_balance.reshape(-1, 3)[side_dofs(operator, side)].sum(axis=0))
 
 
 def rigid_modes(x: Array) -> Array:

@@ -53,6 +53,8 @@ class StrainOperator:
     """
 
     components = 6
+    theory = "small"
+    """Of strain (dd_macro.methods.theory)."""
 
     def __init__(self, domain: TaggedMesh, *, degree: int = 1) -> None:
         if degree not in (1, 2):
@@ -165,6 +167,7 @@ class GradientOperator(StrainOperator):
     """
 
     components = 9
+    theory = "finite"
 
     @staticmethod
     def expression(u: ufl.core.expr.Expr) -> ufl.core.expr.Expr:

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 import dd_macro as dd
 from dd_macro.methods.clusters import cluster
 from dd_macro.methods.projection import relative_distance
-from dd_macro.methods.second_order_steps import Record, local_tangent_step
+from dd_macro.methods.second_order_steps import Record
+from dd_macro.methods.theory import local_tangent_step
 from dd_macro.parallel import one_thread, total
 from tsg_micro.cells.parameters import CellParameters, check_bar_force
 from tsg_micro.continuum.rve_law import sheet_rve

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from mpi4py import MPI
 
 import dd_macro as dd
@@ -23,7 +22,7 @@ from workflows.runs.loads import LOADS
 from workflows.runs.scene import Scene
 from workflows.store.record import peak_memory, write_summary
 
-__all__ = ["MEASURE", "as_data_driven", "fe2"]
+__all__ = ["MEASURE", "fe2"]
 
 MEASURE = "first_piola"
 """The stress that is written."""
@@ -69,21 +68,12 @@ def fe2(
     result = dd.solve_law(operator, law, conditions, steps=steps, options=options, progress=progress)
     done = time.perf_counter()
 
-    # the ParaView file measures its distances, all zero, in a metric; tangents that soften give none
-    metric = dd.isotropic(young=1.0, poisson=0.0)
-    solution = dd.in_space(as_data_driven(result), MEASURE)
-    dd.write_quadrature(out / "quadrature.h5", operator, solution, stress_measure=MEASURE)
-    dd.write_vtkhdf(out / "fields.vtkhdf", dd.make_projection(operator, metric, conditions), solution)
+    dd.write_solution(out, result, stress_measure=MEASURE)
     numbers = law.effort.numbers()
     _, asked, solves, iterations, factorisations, seconds_rve = total(comm, numbers)
     slowest = comm.allreduce(float(numbers[-1]), MPI.MAX)
     figures = {
-        "iterations": (result.iterations, ""),
-        "load_steps": (result.load_steps, ""),
-        "residual": (result.residual, "force of the supports"),
-        "residual_history": ([i.residual for i in result.history], "force of the supports"),
-        "load_history": ([i.load for i in result.history], ""),
-        "step_history": ([i.step for i in result.history], ""),
+        **result.figures(),
         "top_force": (float(result.reactions["top"][LOADS[scene.load]]), "N"),
         "rve_solves": (int(solves), ""),
         "rve_states_asked": (int(asked), ""),
@@ -92,12 +82,7 @@ def fe2(
         "rve_unknowns": (law.rve.solver.newton.pattern.size, ""),
         "rve_linear_solver": (law.rve.solver.newton.choice.backend, ""),
         "unstable_rves": (int(total(comm, law.unstable)), ""),
-        "normalised_distance": (0.0, "1"),
-        "quadrature_points": (points, ""),
-        "dofs": (operator.global_dofs, ""),
-        "ranks": (comm.size, ""),
         "stress_measure": (MEASURE, ""),
-        "linear_solver": (result.solver, ""),
         "seconds": (done - begin, "s"),
         "seconds_setup": (ready - begin, "s"),
         "seconds_rve": (slowest, "s"),
@@ -116,26 +101,6 @@ def fe2(
         if plots:
             _draw(out, result.history)
     return comm.bcast(summary)
-
-
-def as_data_driven(result: dd.ReferenceResult) -> dd.DataDrivenResult:
-    """``result`` as one whose material states are the mechanical ones; the indices of the data are -1."""
-    z = result.mechanical
-    n = len(z.strain)
-    return dd.DataDrivenResult(
-        mechanical=z,
-        material_strain=z.strain,
-        material_stress=z.stress,
-        index=np.full(n, -1, dtype=np.int64),
-        local_distance=np.zeros(n),
-        distance=0.0,
-        normalised_distance=0.0,
-        outside_data=0.0,
-        iterations=result.iterations,
-        converged=True,
-        reason="a law at every point",
-        history=(),
-    )
 
 
 def _draw(out: Path, history: tuple[dd.NewtonIteration, ...]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +19,7 @@ __all__ = [
     "BLOCK",
     "CLAMPS",
     "KINEMATICS",
-    "METRICS",
     "Scene",
-    "check_metric",
     "make_metric",
     "read_material",
     "with_tangents",
@@ -29,9 +27,6 @@ __all__ = [
 
 BLOCK = 20e-6
 """Edge of a 2x2x2-cell block, m (paper: cell height 10 um)."""
-METRICS = ("auto", "tangent", "visited", "secant")
-"""The data's default, the mean tangent of all data or of those that the scene visits, the secant modulus."""
-
 KINEMATICS = ("small", "finite")
 CLAMPS = ("full", "inplane")
 
@@ -112,30 +107,11 @@ def _extent(domain: dd.TaggedMesh, axis: int) -> tuple[float, float]:
     return low, domain.comm.allreduce(float(np.max(x, initial=-np.inf)), MPI.MAX)
 
 
-def check_metric(name: str) -> None:
-    """Raise InputError where there is no metric of this name."""
-    if name not in METRICS:
-        raise InputError(f"metric: expected one of {', '.join(METRICS)}, got {name!r}")
-
-
 def make_metric(
     name: str, operator: dd.StrainOperator, dataset: Dataset, conditions: list[dd.Displacement], *, order: int = 1
 ) -> dd.Metric:
-    """The metric of this name for the scene; collective.
-
-    What the data declare silent does not count in it, unless the tangents are asked (``order`` 2): those of RVEs answer
-    every strain.
-
-    Raises:
-        InputError: no such metric, or the data give none.
-    """
-    check_metric(name)
-    if order == 2 and dataset.tangent is not None:
-        dataset = replace(dataset, silent=())
-    if name == "visited":
-        return dd.visited_tangent(operator, dataset, conditions)
-    choose = {"auto": dd.metric_from_dataset, "tangent": dd.mean_tangent, "secant": dd.secant_modulus}[name]
-    return choose(dataset)
+    """dd_macro.choose_metric."""
+    return dd.choose_metric(name, dd.Problem(operator, conditions), dataset, order=order)
 
 
 def read_material(data: Path, scene: Scene, stress_measure: str | None = None) -> Dataset:

@@ -11,13 +11,14 @@ from typing import Any
 from mpi4py import MPI
 
 import dd_macro as dd
+from dd_macro.methods.metric_choice import check_metric
 from dd_macro.parallel import together, total
 from tsg_micro.data.dataset import Dataset, convert_dataset, read_dataset, write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from workflows.runs.adapt import Adaptation, Adapted, adapt, known_bar_force
 from workflows.runs.loads import LOADS
-from workflows.runs.scene import Scene, check_metric, make_metric, read_material, with_tangents
+from workflows.runs.scene import Scene, make_metric, read_material, with_tangents
 from workflows.store.record import peak_memory, write_summary
 
 __all__ = ["solve"]

@@ -179,7 +179,7 @@ def check(
     row |= {"held": held, "held_share": held / len(index), "changed": changed, "moved": None, "fell": None}
     try:
         row["moved"] = relative_distance(projection.operator, projection.metric, method.once(projection, search, z), z)
-        if projection.residual(projection.nominal_stress(z)) > _SAME:
+        if projection.residual(z.nominal_stress) > _SAME:
             return row
         if isinstance(method, Classical):
             row["fell"] = _fall(projection, method, search, z, gap)

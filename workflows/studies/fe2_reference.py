@@ -64,7 +64,7 @@ class Exact:
         plan = Adaptation(bar_force=bar_force, budget=budget, tolerance=0.0)
         return adapt(self.operator, self.conditions, plan, scene=self.scene, dataset=None)
 
-    def errors(self, result: dd.DataDrivenResult) -> dict[str, float | None]:
+    def errors(self, result: dd.Solution) -> dict[str, float | None]:
         """Relative errors (l2): p and q of the inner blocks, mechanical and material, and the state in the metric."""
         result = dd.in_space(result)
         z = result.mechanical

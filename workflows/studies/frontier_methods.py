@@ -11,7 +11,6 @@ from mpi4py import MPI
 import dd_macro as dd
 from tsg_micro.data.dataset import Dataset
 from workflows.runs.adapt import Adaptation, adapt
-from workflows.runs.fe2 import as_data_driven
 from workflows.runs.scene import Scene, make_metric
 from workflows.studies.methods import CLASSICAL, SECOND_ORDER, Way
 
@@ -27,7 +26,7 @@ class Solution:
     """
 
     operator: dd.StrainOperator
-    result: dd.DataDrivenResult
+    result: dd.Solution
     note: str
     material: bool = True
     rves: int | None = None
@@ -66,7 +65,7 @@ def law(scene: Scene, dataset: Dataset, *, fit: Callable[[Dataset], dd.Law]) -> 
     fitted, domain = fit(dataset), scene.build(MPI.COMM_SELF)
     operator = scene.operator(domain)
     result = dd.solve_law(operator, fitted, scene.conditions(domain))
-    return Solution(operator, as_data_driven(result), f"{result.iterations} Newton iterations", material=False)
+    return Solution(operator, result, f"{result.iterations} Newton iterations", material=False)
 
 
 def adaptive(scene: Scene, *, bar_force: float, budget: int, measure: str) -> Solution:

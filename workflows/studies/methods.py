@@ -12,7 +12,8 @@ import numpy as np
 import dd_macro as dd
 from dd_macro.material.tangent_spaces import TangentSpaces
 from dd_macro.methods.second_order import Method as Step
-from dd_macro.methods.second_order_steps import LocalTangentStep, Record, local_tangent_step
+from dd_macro.methods.second_order_steps import LocalTangentStep, Record
+from dd_macro.methods.theory import local_tangent_step
 from tsg_micro.data.dataset import Dataset
 
 __all__ = ["CLASSICAL", "PLAIN", "SECOND_ORDER", "Classical", "SecondOrder", "Way", "on_spaces"]

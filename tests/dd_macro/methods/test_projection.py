@@ -43,7 +43,7 @@ def test_projection_is_in_equilibrium_and_compatible(scene):
     z = scene.project(*random_state(scene, 0))
     assert scene.residual(z.stress) < 1e-12
     np.testing.assert_allclose(z.strain, scene.operator.strain(z.u), atol=1e-14)
-    np.testing.assert_array_equal(z.u[scene.fixed], scene.prescribed[scene.fixed])
+    np.testing.assert_array_equal(z.u[scene.problem.fixed], scene.problem.prescribed[scene.problem.fixed])
     assert not scene.residual(np.full_like(z.stress, np.nan)) < 1e-12  # no numbers are not in equilibrium
 
 

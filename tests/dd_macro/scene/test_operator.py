@@ -9,7 +9,8 @@ from mpi4py import MPI
 import meshes
 from dd_macro import Displacement, Projection, StrainOperator, Traction, box, isotropic, read_msh
 from dd_macro.parallel import total
-from dd_macro.scene.boundary import nodal_forces, side_dofs
+from dd_macro.scene.boundary import side_dofs
+from dd_macro.scene.loads import nodal_forces
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import to_mandel
 
