@@ -8,7 +8,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter, StrMethodFormatter
 
-from tsg_micro.figures.sheet import STYLE, new_figure
+from tsg_micro.data.figure_style import STYLE, new_figure
 from workflows.runs.adapt import Round
 
 __all__ = ["plot_rounds"]

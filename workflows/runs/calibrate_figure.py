@@ -8,9 +8,8 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
-from tsg_micro.figures.sheet import STYLE, new_figure, save_figure
+from tsg_micro.data.figure_style import STYLE, new_figure, save_figure, tidy
 from workflows.runs.calibrate import PARAMETERS, Fit
-from workflows.runs.cell_figures import tidy
 
 __all__ = ["draw_fit"]
 

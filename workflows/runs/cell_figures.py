@@ -7,29 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import matplotlib as mpl
-import numpy as np
-from matplotlib.axes import Axes
 
+from tsg_micro.data.figure_style import STYLE, new_figure, save_figure, shades, tidy
 from tsg_micro.data.series import write_pvd
-from tsg_micro.figures.sheet import STYLE, new_figure, save_figure
 from tsg_micro.figures.space import View, plot_views
 from tsg_micro.figures.vtu import write_vtu
 
 if TYPE_CHECKING:
     from workflows.runs.cell import Indentation
 
-__all__ = ["draw_cell", "shades", "tidy"]
-
-
-def shades(count: int) -> list[tuple[float, float, float, float]]:
-    """Colours from dark to light for curves that have an order."""
-    return [tuple(colour) for colour in mpl.colormaps["viridis"](np.linspace(0.0, 0.85, count))]
-
-
-def tidy(axes: Axes) -> None:
-    """The look that all curves share."""
-    axes.grid(color="0.92", linewidth=0.8)
-    axes.spines[["top", "right"]].set_visible(False)
+__all__ = ["draw_cell"]
 
 
 def draw_cell(out: Path, results: Sequence[Indentation], height: float) -> None:

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from tsg_micro.data.figure_style import save_figure
 from tsg_micro.data.files import output_folder
-from tsg_micro.figures.sheet import save_figure
 from workflows.runs.dns import dns
 from workflows.runs.sample import sample
 from workflows.store.record import write_summary

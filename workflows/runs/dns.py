@@ -268,8 +268,9 @@ def _draw(
     curve: tuple[list[float], list[float]],
 ) -> None:
     """The figures and the file for ParaView."""
+    from tsg_micro.data.figure_style import save_figure
     from tsg_micro.figures.data import plot_blocks, plot_curve
-    from tsg_micro.figures.sheet import plot_sheet, save_figure
+    from tsg_micro.figures.sheet import plot_sheet
     from tsg_micro.figures.vtu import write_vtu
 
     displacement, members = state

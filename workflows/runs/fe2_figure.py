@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from dd_macro.methods.newton import NewtonIteration
-from tsg_micro.figures.sheet import STYLE, new_figure
+from tsg_micro.data.figure_style import STYLE, new_figure
 
 __all__ = ["plot_newton"]
 

@@ -13,15 +13,15 @@ from matplotlib.collections import PolyCollection
 
 from tsg_micro.bodies.sheet import CellStrain, Stretch, histogram_edges
 from tsg_micro.cells.structure import Structure
+from tsg_micro.data.figure_style import MICRO, STYLE, new_figure, save_figure, shades, tidy
 from tsg_micro.data.series import write_pvd
 from tsg_micro.equilibrium.load_path import Equilibrium
 from tsg_micro.equilibrium.members import MemberSystem
 from tsg_micro.figures.data import outlines
-from tsg_micro.figures.sheet import MICRO, STYLE, new_figure, plot_sheet, save_figure
+from tsg_micro.figures.sheet import plot_sheet
 from tsg_micro.figures.space import View, plot_views
 from tsg_micro.figures.vtu import write_vtu
 from workflows.experiments import published
-from workflows.runs.cell_figures import shades, tidy
 
 __all__ = ["SeriesWriter", "draw_band", "draw_convergence", "draw_monolayer"]
 

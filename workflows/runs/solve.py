@@ -173,7 +173,8 @@ def _material(
 
 def _draw(out: Path, result: dd.DataDrivenResult) -> None:
     """Figures from the written file; rank 0 only, nothing is gathered."""
-    from dd_macro.results.figures import plot_convergence, plot_maps, save_figure
+    from dd_macro.results.figures import plot_convergence
+    from tsg_micro.data.figure_style import plot_maps, save_figure
 
     fields = dd.read_quadrature(out / "quadrature.h5")
     outline = fields.corners[:, :4, :2]
@@ -190,7 +191,7 @@ def _draw(out: Path, result: dd.DataDrivenResult) -> None:
 
 
 def _draw_rounds(out: Path, adapted: Adapted) -> None:
-    from dd_macro.results.figures import save_figure
+    from tsg_micro.data.figure_style import save_figure
     from workflows.runs.adaptation_figure import plot_rounds
 
     save_figure(plot_rounds(adapted.rounds), out / "adaptation.png")

@@ -17,12 +17,11 @@ from mpl_toolkits.mplot3d import Axes3D
 from numpy.typing import NDArray
 
 from tsg_micro.continuum.radial_profiles import core_over_rim, radial_profile
+from tsg_micro.data.figure_style import MICRO, STYLE, new_figure, save_figure, tidy
 from tsg_micro.data.series import write_pvd
-from tsg_micro.figures.sheet import MICRO, STYLE, new_figure, save_figure
 from tsg_micro.figures.space import View, plot_views
 from tsg_micro.figures.vtu import write_vtu
 from workflows.experiments import published
-from workflows.runs.cell_figures import tidy
 
 if TYPE_CHECKING:
     from tsg_micro.bodies.spheroid import Record, Spheroid

@@ -70,7 +70,7 @@ def structure(
         },
     )
     if plots:
-        from tsg_micro.figures.sheet import save_figure
+        from tsg_micro.data.figure_style import save_figure
         from tsg_micro.figures.space import plot_structure
         from tsg_micro.figures.vtu import write_vtu
 
