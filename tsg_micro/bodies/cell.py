@@ -18,7 +18,7 @@ from tsg_micro.cells.lattice import side_nodes
 from tsg_micro.cells.structure import Structure
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.cells.unit_cell import unit_cell
-from tsg_micro.continuum.response import face_rotation, stiffness_under_load
+from tsg_micro.continuum.response import compressed_tendons, face_rotation, stiffness_under_load
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.equilibrium.load_path import Equilibrium, EquilibriumSolver
 
@@ -80,7 +80,7 @@ class Indentation:
     @property
     def compressed_tendons(self) -> list[int]:
         """Tendons with a negative force, in every state."""
-        return [int((state.members.force[~self.structure.bars] < 0.0).sum()) for state in self.states]
+        return [compressed_tendons(self.structure, state.members) for state in self.states]
 
 
 def check_top(top: str) -> None:

@@ -84,7 +84,7 @@ class Model:
         rising, place = np.unique(load, return_inverse=True)
         if self.scene == "cell":
             return indent(self.tissue, rising, top=self.top).displacement[1:][place]
-        return np.array(stretch(Sheet(self.blocks, 1, self.tissue), rising).nominal_stress)[1:][place]
+        return np.array(stretch(Sheet(self.blocks, 1, self.tissue), rising).column("nominal_stress"))[1:][place]
 
 
 @dataclass(frozen=True)

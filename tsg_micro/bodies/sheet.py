@@ -10,6 +10,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from tsg_micro.cells.lattice import side_nodes
 from tsg_micro.cells.structure import Structure
 from tsg_micro.cells.tissue import Tissue
-from tsg_micro.continuum.response import stiffness_under_motion
+from tsg_micro.continuum.response import compressed_tendons, stiffness_under_motion
 from tsg_micro.data.errors import InputError
 from tsg_micro.equilibrium.load_path import Equilibrium, EquilibriumSolver
 from tsg_micro.equilibrium.members import MACRO, MemberState
@@ -147,26 +148,34 @@ class ClampedSheet:
         return float(np.abs(force).max(initial=0.0) / np.abs(members.force).mean())
 
 
-@dataclass(frozen=True)
-class Stretch:
-    """A sheet that was stretched; entry 0 of each list is the sheet at rest."""
+class StretchStep(NamedTuple):
+    """What is kept of a step of a stretch."""
 
-    sheet: Sheet
-    structure: Structure
-    final: Equilibrium
-    strain: list[float]
-    nominal_stress: list[float]
+    strain: float
+    nominal_stress: float
     """Pa."""
-    tangent_modulus: list[float]
+    tangent_modulus: float
     """Pa."""
-    compressed_tendons: list[int]
-    """Tendons with a negative force, which would be slack in a model without compression in tendons."""
-    negative_pivots: list[int]
+    compressed_tendons: int
+    negative_pivots: int
     iterations: int
     factorisations: int
     residual: float
-    """Largest over the steps."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A sheet that was stretched; step 0 is the sheet at rest."""
+
+    sheet: Sheet
+    structure: Structure
+    steps: list[StretchStep]
+    final: Equilibrium
     dofs: int
+
+    def column(self, name: str) -> list[Any]:
+        """One field of all steps."""
+        return [getattr(step, name) for step in self.steps]
 
     @property
     def edge_contraction(self) -> float:
@@ -192,29 +201,17 @@ def stretch(
     body = ClampedSheet(sheet)
     choice = body.solver.newton.choice
     say(f"{len(body.structure.cells)} cells, {body.dofs} unknowns, {choice.backend} ({choice.reason})")
-    steps, modulus, compressed = [], [], []
+    steps = []
     for number, strain in enumerate([0.0, *map(float, strains)]):
-        step = body.load(strain)
+        at = body.load(strain)
+        state, compressed = at.state, compressed_tendons(body.structure, at.state.members)
+        how = (state.negative_pivots or 0, state.iterations, state.factorisations, state.residual)
+        step = StretchStep(strain, at.nominal_stress, body.tangent_modulus(), compressed, *how)
         steps.append(step)
-        modulus.append(body.tangent_modulus())
-        compressed.append(int((step.state.members.force[~body.structure.bars] < 0.0).sum()))
-        record(number, body.structure, step.state)
+        record(number, body.structure, state)
         say(
             f"step {number} of {len(strains)}: strain {strain:.2%}, nominal stress {step.nominal_stress:.4g} Pa, "
-            f"tangent modulus {modulus[-1]:.4g} Pa, {step.state.iterations} iterations, "
-            f"{compressed[-1]} compressed tendons, {time.perf_counter() - begin:.0f} s"
+            f"tangent modulus {step.tangent_modulus:.4g} Pa, {step.iterations} iterations, "
+            f"{compressed} compressed tendons, {time.perf_counter() - begin:.0f} s"
         )
-    return Stretch(
-        sheet=sheet,
-        structure=body.structure,
-        final=steps[-1].state,
-        strain=[step.strain for step in steps],
-        nominal_stress=[step.nominal_stress for step in steps],
-        tangent_modulus=modulus,
-        compressed_tendons=compressed,
-        negative_pivots=[step.state.negative_pivots or 0 for step in steps],
-        iterations=sum(step.state.iterations for step in steps),
-        factorisations=sum(step.state.factorisations for step in steps),
-        residual=max(step.state.residual for step in steps),
-        dofs=body.dofs,
-    )
+    return Stretch(sheet, body.structure, steps, state, body.dofs)

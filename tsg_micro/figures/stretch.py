@@ -52,7 +52,7 @@ def _before_and_after(out: Path, result: Stretch) -> None:
     structure, u, force = result.structure, result.final.displacement, result.final.members.force
     system = MemberSystem(structure)
     rest = system.state(np.zeros(system.size)).force
-    after = f"after {result.strain[-1]:.0%} stretch along $y$"
+    after = f"after {result.steps[-1].strain:.0%} stretch along $y$"
     views = [View("before", None, rest), View(after, u, force)]
     save_figure(plot_views(structure, views, azimuth=-78.0, elevation=48.0, width=9.0), out / "monolayer.png")
     height = result.sheet.tissue.cell.height
@@ -71,13 +71,13 @@ def _before_and_after(out: Path, result: Stretch) -> None:
 
 def _curve(result: Stretch, modulus: float, measured: Measured) -> Figure:
     """Nominal stress, and the tangent modulus beside that of a single cell and what was measured."""
-    strain = 100.0 * np.array(result.strain)
+    strain = 100.0 * np.array(result.column("strain"))
     with mpl.rc_context(STYLE):
         figure = new_figure(12.5, 4.8)
         left, right = figure.subplots(1, 2)
-        left.plot(strain, result.nominal_stress, "o-", color=_BLUE, markersize=4)
+        left.plot(strain, result.column("nominal_stress"), "o-", color=_BLUE, markersize=4)
         left.set_ylabel("nominal stress / Pa")
-        right.semilogy(strain, result.tangent_modulus, "o-", color=_BLUE, markersize=4, label="monolayer")
+        right.semilogy(strain, result.column("tangent_modulus"), "o-", color=_BLUE, markersize=4, label="monolayer")
         right.axhline(modulus, color="0.35", linestyle="--", label="single cell, apparent, 3 nN")
         source, ratio = measured
         label = f"{ratio:g} × single cell ({source})"
@@ -103,7 +103,7 @@ def _strain(result: Stretch, cells: CellStrain) -> Figure:
         grid = figure.subplots(2, 3, height_ratios=[aspect, 0.75])
         for (field, histogram), (name, values) in zip(grid.T, cells.components().items(), strict=True):
             _field(field, shape, name, values, top)
-            field.set_title(f"{_LABELS[name]} at {result.strain[-1]:.0%} stretch")
+            field.set_title(f"{_LABELS[name]} at {result.steps[-1].strain:.0%} stretch")
             _histogram(histogram, name, values)
         grid[0, 0].set_ylabel(r"$y$ / µm")
         grid[1, 0].set_ylabel("number of cells")
@@ -142,22 +142,21 @@ def _histogram(axes: Axes, name: str, values: Array) -> None:
 
 
 def draw_convergence(out: Path, results: Sequence[Stretch]) -> None:
-    """Curves of sheets of several sizes, and their distance to the largest."""
-    reference = np.array(results[-1].nominal_stress)
+    """Curves of sheets of several sizes, and their distance to the largest, which is the last."""
+    names = [f"{nx} × {ny} blocks" for nx, ny in (result.sheet.blocks for result in results)]
+    colours, last = shades(len(results)), np.array(results[-1].column("nominal_stress"))
     with mpl.rc_context(STYLE):
         figure = new_figure(12.5, 4.8)
         left, right = figure.subplots(1, 2)
-        for result, colour in zip(results, shades(len(results)), strict=True):
-            nx, ny = result.sheet.blocks
-            strain = 100.0 * np.array(result.strain)
-            left.plot(strain, result.nominal_stress, "-", color=colour, linewidth=1.8, label=f"{nx} × {ny} blocks")
+        for result, name, colour in zip(results, names, colours, strict=True):
+            strain, stress = 100.0 * np.array(result.column("strain")), np.array(result.column("nominal_stress"))
+            left.plot(strain, stress, "-", color=colour, linewidth=1.8, label=name)
             if result is not results[-1]:
-                relative = 100.0 * (np.array(result.nominal_stress)[1:] / reference[1:] - 1.0)
+                relative = 100.0 * (stress[1:] / last[1:] - 1.0)
                 right.plot(strain[1:], relative, "o-", color=colour, markersize=3.5)
         left.set_ylabel("nominal stress / Pa")
-        right.axhline(0.0, color=shades(len(results))[-1], linewidth=1.8)
-        nx, ny = results[-1].sheet.blocks
-        right.set_ylabel(f"difference to {nx} × {ny} blocks / %")
+        right.axhline(0.0, color=colours[-1], linewidth=1.8)
+        right.set_ylabel(f"difference to {names[-1]} / %")
         for axes in (left, right):
             axes.set_xlabel("nominal strain / %")
             tidy(axes)
@@ -172,17 +171,17 @@ def draw_band(out: Path, band: Sequence[tuple[Stretch, float]], measured: Measur
         figure = new_figure(13.5, 5.0)
         left, right = figure.subplots(1, 2)
         for result, colour in zip(results, shades(len(results)), strict=True):
-            strain = 100.0 * np.array(result.strain)
+            strain = 100.0 * np.array(result.column("strain"))
             label = f"{1e9 * result.sheet.tissue.bar_force:g} nN"
-            left.plot(strain, result.nominal_stress, "-", color=colour, linewidth=1.8, label=label)
+            left.plot(strain, result.column("nominal_stress"), "-", color=colour, linewidth=1.8, label=label)
         nx, ny = results[0].sheet.blocks
         left.set_title(f"{nx} × {ny} blocks")
         left.set_xlabel("nominal strain / %")
         left.set_ylabel("nominal stress / Pa")
         left.legend(title="bar force $f_b$", frameon=False)
         forces = [1e9 * result.sheet.tissue.bar_force for result in results]
-        for at, style, label in ((0, "o-", "at rest"), (-1, "s-", f"at {results[0].strain[-1]:.0%} stretch")):
-            ratio = [result.tangent_modulus[at] / modulus for result, modulus in band]
+        for at, style, label in ((0, "o-", "at rest"), (-1, "s-", f"at {results[0].steps[-1].strain:.0%} stretch")):
+            ratio = [result.steps[at].tangent_modulus / modulus for result, modulus in band]
             right.loglog(forces, ratio, style, color="0.25", markerfacecolor="white", markersize=7, label=label)
         right.axhline(measured[1], color=_RED, linestyle=":", linewidth=2, label=measured[0])
         right.set_xlabel("bar force $f_b$ / nN")

@@ -12,7 +12,7 @@ import numpy as np
 from tsg_micro.bodies.curve_fit import PARAMETERS, SCENES, Model, fit_curve
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
-from workflows.runs.measured_curve import read_curve
+from tsg_micro.data.measured_curve import read_curve
 from workflows.store.record import write_summary
 
 __all__ = ["calibrate", "parameter_names"]

@@ -19,6 +19,7 @@ from tsg_micro.bodies.sheet import ClampedSheet, Motion, Sheet, SheetStep, memor
 from tsg_micro.bodies.sheet_means import block_data, row_balance
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.homogenise import BlockFields, block_fields
+from tsg_micro.continuum.response import compressed_tendons
 from tsg_micro.data.dataset import Dataset, write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
@@ -169,7 +170,7 @@ def _figures(
         "negative_pivots": (done[-1].negative_pivots, ""),
         "most_negative_pivots": (max(step.most_negative_pivots for step in done), ""),
         "residual": (done[-1].residual, "mean member force"),
-        "compressed_tendons": (int((body.members.force[~structure.bars] < 0.0).sum()), ""),
+        "compressed_tendons": (compressed_tendons(structure, body.members), ""),
         "linear_solver": (choice.backend, ""),
         "linear_solver_reason": (choice.reason, ""),
         "peak_memory": (max(peak_memory(), *(step.peak_memory for step in done)), "B"),

@@ -36,6 +36,14 @@ INDENTATION = 3e-9
 BAND_BLOCKS = (20, 10)
 """Largest sheet for the curves of other bar forces."""
 
+_CURVE = {
+    "strain": "1",
+    "nominal_stress": "Pa",
+    "tangent_modulus": "Pa",
+    "compressed_tendons": "at each step",
+    "negative_pivots": "at each step",
+}
+
 
 def monolayer(
     out: Path,
@@ -91,7 +99,7 @@ def monolayer(
     others = [(stretch(replace(small, tissue=one), strains), _cell_modulus(one)) for one in tissues]
     figures = _figures(result, cells, modulus) | {
         "convergence": ([_row(other) | _differences(other, result) for other in sizes], "SI"),
-        "band": ([_row(other) | _ratios(other, one) for other, one in others], "SI"),
+        "band": ([_row(other) | {"cell_apparent_modulus": one} | _ratios(other, one) for other, one in others], "SI"),
         "seconds": (seconds, "s"),
         "peak_memory": (peak_memory(), "B"),
     }
@@ -141,29 +149,21 @@ def _cell_modulus(tissue: Tissue) -> float:
 
 def _row(result: Stretch) -> dict[str, Any]:
     """The curve of one more sheet."""
-    return {
-        "blocks": result.sheet.blocks,
-        "bar_force": result.sheet.tissue.bar_force,
-        "strain": result.strain,
-        "nominal_stress": result.nominal_stress,
-        "tangent_modulus": result.tangent_modulus,
-        "compressed_tendons": result.compressed_tendons,
-        "negative_pivots": result.negative_pivots,
-    }
+    curve = {name: result.column(name) for name in _CURVE}
+    return {"blocks": result.sheet.blocks, "bar_force": result.sheet.tissue.bar_force, **curve}
 
 
-def _ratios(result: Stretch, modulus: float) -> dict[str, Any]:
+def _ratios(result: Stretch, modulus: float) -> dict[str, float]:
     """Moduli of the sheet over that of the single cell."""
     return {
-        "cell_apparent_modulus": modulus,
-        "modulus_ratio": result.tangent_modulus[0] / modulus,
-        "modulus_ratio_at_full_strain": result.tangent_modulus[-1] / modulus,
+        "modulus_ratio": result.steps[0].tangent_modulus / modulus,
+        "modulus_ratio_at_full_strain": result.steps[-1].tangent_modulus / modulus,
     }
 
 
-def _differences(result: Stretch, largest: Stretch) -> dict[str, Any]:
+def _differences(result: Stretch, largest: Stretch) -> dict[str, float]:
     """How far a smaller sheet's curve is from that of the largest, relative to the stress at full strain."""
-    stress, reference = np.array(result.nominal_stress), np.array(largest.nominal_stress)
+    stress, reference = (np.array(one.column("nominal_stress")) for one in (result, largest))
     return {
         "difference_at_full_strain": stress[-1] / reference[-1] - 1.0,
         "largest_difference": np.abs(stress - reference).max() / abs(reference[-1]),
@@ -185,23 +185,17 @@ def _figures(result: Stretch, cells: CellStrain, modulus: float) -> dict[str, tu
             "edges": edges,
             "counts": counts,
         }
-    ratios = _ratios(result, modulus)
     return {
-        "strain": (result.strain, "1"),
-        "nominal_stress": (result.nominal_stress, "Pa"),
-        "tangent_modulus": (result.tangent_modulus, "Pa"),
-        "compressed_tendons": (result.compressed_tendons, "at each step"),
-        "negative_pivots": (result.negative_pivots, "at each step"),
+        **{name: (result.column(name), unit) for name, unit in _CURVE.items()},
         "cell_strain": (histograms, "1"),
         "edge_contraction": (result.edge_contraction, "m"),
         "cell_apparent_modulus": (modulus, "Pa"),
-        "modulus_ratio": (ratios["modulus_ratio"], "1"),
-        "modulus_ratio_at_full_strain": (ratios["modulus_ratio_at_full_strain"], "1"),
+        **{name: (ratio, "1") for name, ratio in _ratios(result, modulus).items()},
         "cells": (len(result.structure.cells), ""),
         "dofs": (result.dofs, ""),
-        "newton_iterations": (result.iterations, ""),
-        "factorisations": (result.factorisations, ""),
-        "residual": (result.residual, "mean member force"),
+        "newton_iterations": (sum(result.column("iterations")), ""),
+        "factorisations": (sum(result.column("factorisations")), ""),
+        "residual": (max(result.column("residual")), "mean member force"),
         "linear_solver": (final.solver.backend, ""),
         "linear_solver_reason": (final.solver.reason, ""),
     }

@@ -21,6 +21,7 @@ from tsg_micro.bodies.spheroid import (
     compress,
 )
 from tsg_micro.cells.tissue import Tissue
+from tsg_micro.continuum.response import compressed_tendons
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import atomic_path, output_folder
 from tsg_micro.equilibrium.linear_solvers import choose_backend
@@ -162,7 +163,7 @@ def _path(result: Compression) -> dict[str, tuple[Any, str]]:
         "negative_pivots_history": ([state.negative_pivots for state in states], ""),
         "most_negative_pivots": (max((i.negative_pivots for s in states for i in s.history), default=0), ""),
         "slack_tendons": (last.slack, ""),
-        "compressed_tendons": (int((last.members.force[tendons] < 0.0).sum()), ""),
+        "compressed_tendons": (compressed_tendons(result.body.structure, last.members), ""),
         "lowest_tendon_force": (float(last.members.force[tendons].min()), "N"),
         "support_force": (float(np.abs(last.reaction).max() / np.abs(last.members.force).mean()), "mean member force"),
         "volume_history": ([record.volume for record in records], "m^3"),
