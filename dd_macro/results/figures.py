@@ -1,16 +1,19 @@
-"""Figures of a data-driven solve. Plain arrays in, a Matplotlib figure out; lengths in m, stresses in Pa."""
+"""Figures of macroscopic solves. Plain arrays in, a Matplotlib figure out; lengths in m, stresses in Pa."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, NullFormatter, StrMethodFormatter
 from numpy.typing import NDArray
 
+from dd_macro.methods.newton import NewtonIteration
 from dd_macro.results.compare import ErrorMap, grid_index
 from tsg_micro.data.figure_style import (
     FIELD,
@@ -24,15 +27,25 @@ from tsg_micro.data.figure_style import (
 )
 
 __all__ = [
+    "ROUNDS",
     "block_outlines",
     "plot_boundary",
     "plot_comparison",
     "plot_convergence",
+    "plot_newton",
+    "plot_rounds",
 ]
 
 Array = NDArray[np.float64]
 
 _ERROR = "magma"
+ROUNDS = {
+    "gap": ("strain from the nearest datum", "s:", "tab:gray"),
+    "surprise": ("error of stress at the last RVEs before they were added", "^--", "tab:orange"),
+    "change": ("change of the state since the last round", "o-", "tab:blue"),
+    "error": ("estimated error of the state", "D-", "tab:green"),
+}
+"""Of a round: its meaning, relative to the whole, and how it is drawn."""
 
 
 def block_outlines(midpoint: Array) -> Array:
@@ -166,11 +179,49 @@ def plot_boundary(outline: Array, maps: Mapping[str, ErrorMap]) -> Figure:
     return figure
 
 
+def plot_rounds(data: Sequence[int], rounds: Mapping[str, Sequence[float | None]]) -> Figure:
+    """What the rounds of an adaptive solve were off by, under the names in ROUNDS, over the data that they had."""
+    with mpl.rc_context(STYLE):
+        figure = new_figure(10, 8)
+        axes = figure.subplots()
+        for name, (label, style, color) in ROUNDS.items():
+            pairs = [(n, value) for n, value in zip(data, rounds[name], strict=True) if value]
+            if pairs:
+                axes.loglog(*zip(*pairs, strict=True), style, color=color, label=label)
+        axes.set_xscale("log", base=2)
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.set_xlabel("data")
+        axes.set_ylabel("relative to the whole, in the metric")
+        axes.grid(alpha=0.3)
+        figure.legend(loc="outside upper center")
+    return figure
+
+
+def plot_newton(history: Sequence[NewtonIteration]) -> Figure:
+    """Residuals of the iterations, a line for each load."""
+    loads = list(dict.fromkeys(it.load for it in history))
+    with mpl.rc_context(STYLE):
+        figure = new_figure(8, 5.5)
+        axes = figure.subplots()
+        for k, load in enumerate(loads):
+            own = [(i, it.residual) for i, it in enumerate(history, start=1) if it.load == load and it.residual > 0.0]
+            shade = mpl.colormaps["viridis"](0.85 * (1.0 - (k + 1) / len(loads)))
+            axes.semilogy(*zip(*own, strict=True), "o-", color=shade, label=f"{load:.3g} of the load")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.set_xlabel("linear solves")
+        axes.set_ylabel("out-of-balance force over that of the supports")
+        axes.grid(alpha=0.3)
+        if 1 < len(loads) <= 8:
+            figure.legend(loc="outside upper center", ncols=4)
+    return figure
+
+
 def _histogram(axes: Axes, errors: Mapping[str, Array], symbol: str) -> None:
     """Histograms of relative errors in percent; errors beyond the 99th percentile are in the outermost bins."""
     limit = max(float(np.percentile(np.abs(np.concatenate(list(errors.values()))), 99)), 1e-12)
     bins = np.linspace(-limit, limit, 41)
-    for (name, values), colour in zip(errors.items(), ("#20639b", "#c8553d"), strict=False):
+    for (name, values), colour in zip(errors.items(), cycle(("#20639b", "#c8553d")), strict=False):
         label = f"{name}: mean {values.mean():+.1f} %, standard deviation {values.std():.1f} %"
         axes.hist(np.clip(values, -limit, limit), bins, alpha=0.55, color=colour, label=label)
     axes.axvline(0.0, color="0.3", linewidth=0.8)

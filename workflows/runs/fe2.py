@@ -140,8 +140,8 @@ def as_data_driven(result: dd.ReferenceResult) -> dd.DataDrivenResult:
 
 def _draw(out: Path, history: tuple[dd.NewtonIteration, ...]) -> None:
     """Figures from the written file; rank 0 only, nothing is gathered."""
+    from dd_macro.results.figures import plot_newton
     from tsg_micro.data.figure_style import plot_maps, save_figure
-    from workflows.runs.fe2_figure import plot_newton
 
     fields = dd.read_quadrature(out / "quadrature.h5")
     maps = {

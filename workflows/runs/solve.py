@@ -191,7 +191,8 @@ def _draw(out: Path, result: dd.DataDrivenResult) -> None:
 
 
 def _draw_rounds(out: Path, adapted: Adapted) -> None:
+    from dd_macro.results.figures import ROUNDS, plot_rounds
     from tsg_micro.data.figure_style import save_figure
-    from workflows.runs.adaptation_figure import plot_rounds
 
-    save_figure(plot_rounds(adapted.rounds), out / "adaptation.png")
+    rounds = {name: [getattr(one, name) for one in adapted.rounds] for name in ROUNDS}
+    save_figure(plot_rounds([one.data for one in adapted.rounds], rounds), out / "adaptation.png")
