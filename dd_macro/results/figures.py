@@ -1,41 +1,51 @@
-"""Figures of a data-driven solve. Plain arrays in, a Matplotlib figure out; lengths in m, stresses in Pa."""
+"""Figures of macroscopic solves. Plain arrays in, a Matplotlib figure out; lengths in m, stresses in Pa."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any
+from itertools import cycle
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.cm import ScalarMappable
-from matplotlib.collections import PolyCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, NullFormatter, StrMethodFormatter
 from numpy.typing import NDArray
 
+from dd_macro.methods.newton import NewtonIteration
 from dd_macro.results.compare import ErrorMap, grid_index
-from tsg_micro.data.errors import InputError
-from tsg_micro.data.files import atomic_path
+from tsg_micro.data.figure_style import (
+    FIELD,
+    STYLE,
+    aspect_ratio,
+    colour_bar,
+    draw_field,
+    label_maps,
+    limits,
+    new_figure,
+)
 
 __all__ = [
+    "ROUNDS",
     "block_outlines",
-    "colour_bar",
-    "draw_field",
     "plot_boundary",
     "plot_comparison",
     "plot_convergence",
-    "plot_maps",
-    "save_figure",
+    "plot_newton",
+    "plot_rounds",
 ]
 
 Array = NDArray[np.float64]
 
-_STYLE = {"font.size": 13, "axes.titlesize": 14, "axes.linewidth": 0.8, "savefig.dpi": 200}
-_MICRO = 1e6
-_FIELD, _ERROR = "viridis", "magma"
+_ERROR = "magma"
+ROUNDS = {
+    "gap": ("strain from the nearest datum", "s:", "tab:gray"),
+    "surprise": ("error of stress at the last RVEs before they were added", "^--", "tab:orange"),
+    "change": ("change of the state since the last round", "o-", "tab:blue"),
+    "error": ("estimated error of the state", "D-", "tab:green"),
+}
+"""Of a round: its meaning, relative to the whole, and how it is drawn."""
 
 
 def block_outlines(midpoint: Array) -> Array:
@@ -53,8 +63,8 @@ def block_outlines(midpoint: Array) -> Array:
 
 def plot_convergence(distance: Sequence[float], changed: Sequence[int], omega: Sequence[float]) -> Figure:
     """Distance |y - z| in sqrt(J) and changed data by iteration; the phase with over-relaxed queries is shaded."""
-    with mpl.rc_context(_STYLE):
-        figure = _figure(7.5, 4.5)
+    with mpl.rc_context(STYLE):
+        figure = new_figure(7.5, 4.5)
         left = figure.add_subplot()
         n = np.arange(1, len(distance) + 1)
         relaxed = np.flatnonzero(np.asarray(omega) > 1)
@@ -71,30 +81,6 @@ def plot_convergence(distance: Sequence[float], changed: Sequence[int], omega: S
         right.set_ylim(bottom=0)
         handles = [h for axes in (left, right) for h in axes.get_legend_handles_labels()[0]]
         left.legend(handles=handles, loc="upper right", frameon=True)
-    return figure
-
-
-def plot_maps(outline: Array, fields: Mapping[str, tuple[Array, str]], *, columns: int = 2) -> Figure:
-    """Fields per element, each on a scale of its own.
-
-    Args:
-        outline: polygons (n, corners, 2) in m.
-        fields: title -> (values (n,), unit); stresses in Pa.
-
-    Raises:
-        InputError: a field of another length, or not finite.
-    """
-    with mpl.rc_context(_STYLE):
-        rows = -(-len(fields) // columns)
-        figure = _figure(6.2 * columns, (0.9 + 4.4 * _aspect(outline)) * rows)
-        grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
-        for axes, (title, (values, unit)) in zip(grid, fields.items(), strict=False):
-            drawn = draw_field(axes, outline, values, _limits([values]), _FIELD)
-            axes.set_title(title)
-            colour_bar(figure, drawn, axes, unit)
-        for axes in grid[len(fields) :]:
-            axes.set_visible(False)
-        _label(grid[: len(fields)], columns)
     return figure
 
 
@@ -130,22 +116,22 @@ def plot_comparison(
         both = {f"data-driven, material ${symbol}$": material, f"data-driven, mechanical ${symbol}$": mechanical}
         panels = both | panels
         errors["material"] = (100 * (material - tensegrity) / size)[inner]
-    limits = _limits(list(panels.values()))
-    with mpl.rc_context(_STYLE):
-        maps = 2 * (0.8 + 4.8 * _aspect(outline))
+    ends = limits(list(panels.values()))
+    with mpl.rc_context(STYLE):
+        maps = 2 * (0.8 + 4.8 * aspect_ratio(outline))
         heights = (maps / 2, maps / 2, 3.6)[: 2 + (material is not None)]  # of three maps the fourth place is free
-        figure = _figure(13, sum(heights))
+        figure = new_figure(13, sum(heights))
         grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
         axes = [figure.add_subplot(grid[i // 2, i % 2]) for i in range(len(panels) + 1)]
         for place, (title, values) in zip(axes, panels.items(), strict=False):
-            drawn = draw_field(place, outline, values, limits, _FIELD)
+            drawn = draw_field(place, outline, values, ends, FIELD)
             place.set_title(title)
             colour_bar(figure, drawn, place, f"${symbol}$ / Pa")
         top = max(float(np.percentile(np.abs(error), 95)), 1e-12) if error.size else 1.0
         drawn = draw_field(axes[-1], outline, np.abs(error), (0.0, top), _ERROR)
         axes[-1].set_title(f"relative error of {solved} ${symbol}$, its size")
         colour_bar(figure, drawn, axes[-1], "error / %", extend="max")
-        _label(axes, 2)
+        label_maps(axes, 2)
         _histogram(figure.add_subplot(grid[1, 1] if material is None else grid[2, :]), errors, symbol)
     return figure
 
@@ -160,10 +146,10 @@ def plot_boundary(outline: Array, maps: Mapping[str, ErrorMap]) -> Figure:
     Raises:
         InputError: a map of another length.
     """
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         rows = -(-len(maps) // 2)
-        heights = [0.9 + 4.4 * _aspect(outline)] * rows + [4.2]
-        figure = _figure(13, sum(heights))
+        heights = [0.9 + 4.4 * aspect_ratio(outline)] * rows + [4.2]
+        figure = new_figure(13, sum(heights))
         grid = figure.add_gridspec(rows + 1, 2, height_ratios=heights)
         axes = [figure.add_subplot(grid[i // 2, i % 2]) for i in range(len(maps))]
         top = max(max(found.share.max() for found in maps.values()), 1e-12)
@@ -180,7 +166,7 @@ def plot_boundary(outline: Array, maps: Mapping[str, ErrorMap]) -> Figure:
             style, colour = ("o-", "s--")[i % 2 if len(maps) > 2 else 0], ("#20639b", "#c8553d")[i * 2 // len(maps)]
             for side, values in ((left, found.error), (right, found.rings)):
                 side.semilogy(range(len(values)), 100 * values, style, color=colour, markersize=4, label=title)
-        _label(axes, 2)
+        label_maps(axes, 2)
         left.set_xlabel("outer rings of blocks left out")
         left.set_ylabel("error of the others / %")
         right.set_xlabel("ring of blocks, from outside")
@@ -193,11 +179,49 @@ def plot_boundary(outline: Array, maps: Mapping[str, ErrorMap]) -> Figure:
     return figure
 
 
+def plot_rounds(data: Sequence[int], rounds: Mapping[str, Sequence[float | None]]) -> Figure:
+    """What the rounds of an adaptive solve were off by, under the names in ROUNDS, over the data that they had."""
+    with mpl.rc_context(STYLE):
+        figure = new_figure(10, 8)
+        axes = figure.subplots()
+        for name, (label, style, color) in ROUNDS.items():
+            pairs = [(n, value) for n, value in zip(data, rounds[name], strict=True) if value]
+            if pairs:
+                axes.loglog(*zip(*pairs, strict=True), style, color=color, label=label)
+        axes.set_xscale("log", base=2)
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.set_xlabel("data")
+        axes.set_ylabel("relative to the whole, in the metric")
+        axes.grid(alpha=0.3)
+        figure.legend(loc="outside upper center")
+    return figure
+
+
+def plot_newton(history: Sequence[NewtonIteration]) -> Figure:
+    """Residuals of the iterations, a line for each load."""
+    loads = list(dict.fromkeys(it.load for it in history))
+    with mpl.rc_context(STYLE):
+        figure = new_figure(8, 5.5)
+        axes = figure.subplots()
+        for k, load in enumerate(loads):
+            own = [(i, it.residual) for i, it in enumerate(history, start=1) if it.load == load and it.residual > 0.0]
+            shade = mpl.colormaps["viridis"](0.85 * (1.0 - (k + 1) / len(loads)))
+            axes.semilogy(*zip(*own, strict=True), "o-", color=shade, label=f"{load:.3g} of the load")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.set_xlabel("linear solves")
+        axes.set_ylabel("out-of-balance force over that of the supports")
+        axes.grid(alpha=0.3)
+        if 1 < len(loads) <= 8:
+            figure.legend(loc="outside upper center", ncols=4)
+    return figure
+
+
 def _histogram(axes: Axes, errors: Mapping[str, Array], symbol: str) -> None:
     """Histograms of relative errors in percent; errors beyond the 99th percentile are in the outermost bins."""
     limit = max(float(np.percentile(np.abs(np.concatenate(list(errors.values()))), 99)), 1e-12)
     bins = np.linspace(-limit, limit, 41)
-    for (name, values), colour in zip(errors.items(), ("#20639b", "#c8553d"), strict=False):
+    for (name, values), colour in zip(errors.items(), cycle(("#20639b", "#c8553d")), strict=False):
         label = f"{name}: mean {values.mean():+.1f} %, standard deviation {values.std():.1f} %"
         axes.hist(np.clip(values, -limit, limit), bins, alpha=0.55, color=colour, label=label)
     axes.axvline(0.0, color="0.3", linewidth=0.8)
@@ -205,64 +229,3 @@ def _histogram(axes: Axes, errors: Mapping[str, Array], symbol: str) -> None:
     axes.set_ylabel("blocks")
     axes.set_ylim(top=1.3 * axes.get_ylim()[1])  # room for the legend
     axes.legend(loc="upper center", ncols=2, frameon=False)
-
-
-def save_figure(figure: Figure, path: str | Path) -> None:
-    """Write the figure, whole or not at all; the suffix chooses the format.
-
-    Raises:
-        InputError: the folder cannot be written.
-    """
-    with atomic_path(path) as temporary, mpl.rc_context(_STYLE):
-        figure.savefig(temporary)
-
-
-def _figure(width: float, height: float) -> Figure:
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)  # no display, whatever backend is set
-    return figure
-
-
-def _aspect(outline: Array) -> float:
-    extent = np.ptp(outline.reshape(-1, 2), axis=0)
-    return float(np.clip(extent[1] / extent[0], 0.25, 1.5))
-
-
-def _limits(fields: list[Array]) -> tuple[float, float]:
-    """Common limits of the fields; a constant field gets some room."""
-    low, high = min(map(np.min, fields)), max(map(np.max, fields))
-    if low == high:
-        low, high = low - 0.5 * (abs(low) or 1.0), high + 0.5 * (abs(high) or 1.0)
-    return float(low), float(high)
-
-
-def draw_field(axes: Axes, outline: Array, values: Array, limits: tuple[float, float], cmap: str) -> PolyCollection:
-    """One value (n,) a polygon (n, corners, 2), in m, as a map in µm on ``axes``.
-
-    Raises:
-        InputError: values of another length, or not finite.
-    """
-    values = np.asarray(values, dtype=float)
-    if values.shape != (len(outline),) or not np.isfinite(values).all():
-        raise InputError(f"field to draw: expected {len(outline)} finite numbers, got shape {values.shape} or NaN")
-    drawn = PolyCollection(list(_MICRO * outline), array=values, cmap=cmap, edgecolors="face", linewidths=0.2)
-    drawn.set_clim(*limits)
-    axes.add_collection(drawn)
-    axes.set_aspect("equal")
-    axes.autoscale_view()
-    axes.margins(0)
-    return drawn
-
-
-def colour_bar(figure: Figure, drawn: ScalarMappable, axes: Axes, label: str, extend: str = "neither") -> None:
-    """A colour bar exactly as high as its map."""
-    figure.colorbar(drawn, cax=axes.inset_axes((1.02, 0.0, 0.03, 1.0)), label=label, extend=extend)
-
-
-def _label(grid: Sequence[Axes] | NDArray[Any], columns: int) -> None:
-    for i, axes in enumerate(grid):
-        if i >= len(grid) - columns:
-            axes.set_xlabel(r"$x$ / µm")
-            axes.tick_params(labelbottom=True)
-        if i % columns == 0:
-            axes.set_ylabel(r"$y$ / µm")

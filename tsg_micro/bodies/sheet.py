@@ -1,74 +1,187 @@
-"""One sheet of cells under stretch: the load path of ``tsgdd monolayer``, and what every cell sees of it."""
+"""A sheet of cells between two clamped sides: its bottom (y = 0) is fixed, its top is moved as one.
+
+The faces across x and z are free. Strain is the displacement of the top side over the height of the sheet, nominal
+stress the force on the top side along its motion over the undeformed cross-section.
+"""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tsg_micro.cells.lattice import box_cells, lattice, side_nodes
-from tsg_micro.cells.parameters import CellParameters
-from tsg_micro.cells.prestress import prestressed
+from tsg_micro.cells.lattice import side_nodes
 from tsg_micro.cells.structure import Structure
-from tsg_micro.continuum.homogenise import cell_gradient
-from tsg_micro.continuum.response import cell_displacement, stiffness_under_motion
+from tsg_micro.cells.tissue import Tissue
+from tsg_micro.continuum.response import compressed_tendons, stiffness_under_motion
+from tsg_micro.data.errors import InputError
 from tsg_micro.equilibrium.load_path import Equilibrium, EquilibriumSolver
+from tsg_micro.equilibrium.members import MACRO, MemberState
 from tsg_micro.equilibrium.newton import NewtonOptions
 
-__all__ = ["CellStrain", "Sheet", "Stretch", "cell_strain", "histogram_edges", "stretch"]
+__all__ = ["STRETCH", "ClampedSheet", "Motion", "Sheet", "SheetStep", "Stretch", "memory_needed", "stretch"]
 
 Array = NDArray[np.float64]
-Record = Callable[[int, float, Structure, Equilibrium], None]
+Motion = tuple[float, float, float]
+"""Displacement of the top side at strain 1, over the height of the sheet."""
+STRETCH: Motion = (0.0, 1.0, 0.0)
+_FILL = {"pardiso": 1.0, "mumps": 1.1, "superlu": 6.0}
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """What is stretched."""
+    """What is loaded.
+
+    With ``flat`` the nodes of the mid-plane cannot leave it; by symmetry they need no force for that, so the result is
+    an equilibrium of the free sheet too, the one that a model without buckling can be compared with.
+
+    Raises:
+        InputError: on construction, of a flat sheet with an odd number of layers.
+    """
 
     blocks: tuple[int, int]
     """Blocks of 2x2 cells along x and y."""
-    layers: int
+    layers: int = 2
     """Layers of cells along z."""
-    bar_force: float
-    """N."""
-    parameters: CellParameters
+    tissue: Tissue = field(default_factory=Tissue)
+    flat: bool = False
     linear_solver: str = "auto"
 
-    def build(self) -> Structure:
-        """The prestressed lattice."""
-        cells = box_cells(2 * self.blocks[0], 2 * self.blocks[1], self.layers)
-        return prestressed(lattice(cells, self.parameters), self.parameters, self.bar_force)
+    def __post_init__(self) -> None:
+        if self.flat and self.layers % 2:
+            raise InputError(f"flat: expected an even number of layers, with nodes between them, got {self.layers}")
+
+    @property
+    def cells(self) -> tuple[int, int, int]:
+        """Cells along x, y, z."""
+        return (2 * self.blocks[0], 2 * self.blocks[1], self.layers)
+
+    @property
+    def unknowns(self) -> int:
+        """Number of free displacements, not flat: four nodes to a face of the cells, bottom and top held."""
+        nx, ny, nz = self.cells
+        return 12 * ((nx + 1) * ny * nz + nx * (ny - 1) * nz + nx * ny * (nz + 1))
+
+
+def memory_needed(unknowns: int, backend: str) -> int:
+    """Estimate of the memory, bytes, that a sheet takes with the linear solver ``backend``.
+
+    With n unknowns 130 MB + n (200 log2 n + 960) B: Python and its libraries, the factor of a sheet in nested
+    dissection (measured with PARDISO 2.7, 3.1, 3.3 and 3.8 kB per unknown for 17, 67, 150 and 603 thousand), and the
+    60 Lanczos vectors and their modes, 8 B a number, of a sheet that buckles. The fill of MUMPS and of SuperLU beside
+    that of PARDISO is measured for 67 thousand.
+    """
+    return int(130e6 + unknowns * (200.0 * _FILL[backend] * math.log2(unknowns) + 960.0))
+
+
+@dataclass(frozen=True)
+class SheetStep:
+    """The sheet at one strain."""
+
+    strain: float
+    nominal_stress: float
+    """Pa."""
+    state: Equilibrium
+
+
+class ClampedSheet:
+    """A sheet and where it stands on the path of its load; it begins at rest.
+
+    Every equilibrium is stable: an unstable one is left downhill, so a sheet that buckles does.
+    """
+
+    def __init__(self, sheet: Sheet, motion: Motion = STRETCH) -> None:
+        self.sheet = sheet
+        self.structure: Structure = sheet.tissue.box(sheet.cells)
+        nodes, size = self.structure.nodes, self.structure.size
+        bottom, self._top = side_nodes(self.structure, 1, end="low"), side_nodes(self.structure, 1, end="high")
+        fixed = np.zeros(nodes.shape, dtype=bool)
+        fixed[bottom] = fixed[self._top] = True
+        self.middle = np.isclose(nodes[:, 2], 0.5 * (nodes[:, 2].min() + nodes[:, 2].max()), atol=1e-12)
+        """Whether a node is in the mid-plane (n,)."""
+        self._loose = self.middle & ~fixed[:, 2]
+        fixed[self._loose, 2] = sheet.flat
+        options = NewtonOptions(linear_solver=sheet.linear_solver)
+        self.solver = EquilibriumSolver(self.structure, fixed=fixed, options=options)
+        self.height, self.area = float(size[1]), float(size[0] * size[2])
+        """Of the sheet along y, m, and of its cross-section, m^2."""
+        self._motion = np.zeros(nodes.shape)
+        self._motion[self._top] = motion
+        self._along = np.array(motion)
+
+    @property
+    def dofs(self) -> int:
+        """Number of unknowns."""
+        return self.solver.newton.pattern.size
+
+    def resume(self, displacement: Array) -> None:
+        """Go to an equilibrium (n, 3) that was reached before."""
+        self.solver.move_to(np.append(displacement, np.zeros(MACRO)), self.solver.force)
+
+    def load(self, strain: float) -> SheetStep:
+        """Follow the equilibrium to ``strain``.
+
+        Raises:
+            ConvergenceError: the equilibrium was lost.
+        """
+        state = self.solver.solve(displacement=strain * self.height * self._motion, stable=True)
+        return SheetStep(strain, float((state.reaction[self._top] @ self._along).sum()) / self.area, state)
+
+    def tangent_modulus(self) -> float:
+        """Derivative of the nominal stress by the strain, from the solver's tangent, Pa."""
+        return stiffness_under_motion(self.solver, self._motion) * self.height / self.area
+
+    @property
+    def members(self) -> MemberState:
+        """Of all members, where the sheet stands."""
+        return self.solver.system.state(self.solver.y)
+
+    def midplane_force(self) -> float:
+        """Largest force across the sheet at the nodes of its mid-plane, over the mean member force."""
+        system, members = self.solver.system, self.members
+        force = system.gradient(members)[: system.nodal_size].reshape(-1, 3)[self._loose, 2]
+        return float(np.abs(force).max(initial=0.0) / np.abs(members.force).mean())
+
+
+class StretchStep(NamedTuple):
+    """What is kept of a step of a stretch."""
+
+    strain: float
+    nominal_stress: float
+    """Pa."""
+    tangent_modulus: float
+    """Pa."""
+    compressed_tendons: int
+    negative_pivots: int
+    iterations: int
+    factorisations: int
+    residual: float
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """A sheet that was stretched; entry 0 of each list is the sheet at rest."""
+    """A sheet that was stretched; step 0 is the sheet at rest."""
 
     sheet: Sheet
     structure: Structure
+    steps: list[StretchStep]
     final: Equilibrium
-    strain: list[float]
-    nominal_stress: list[float]
-    """Reaction of the top side over the undeformed cross-section, Pa."""
-    tangent_modulus: list[float]
-    """Derivative of the nominal stress by the strain, from the solver's tangent, Pa."""
-    compressed_tendons: list[int]
-    """Tendons with a negative force, which would be slack in a model without compression in tendons."""
-    negative_pivots: list[int]
-    iterations: int
-    factorisations: int
-    residual: float
-    """Largest over the steps."""
     dofs: int
+
+    def column(self, name: str) -> list[Any]:
+        """One field of all steps."""
+        return [getattr(step, name) for step in self.steps]
 
     @property
     def edge_contraction(self) -> float:
         """How far the two free edges across x have moved inwards where they have most, mean of both, m."""
         u = self.final.displacement[:, 0]
-        left, right = (side_nodes(self.structure, 0, end=end) for end in ("low", "high"))  # type: ignore[arg-type]
+        left, right = side_nodes(self.structure, 0, end="low"), side_nodes(self.structure, 0, end="high")
         return float(0.5 * (u[left].max() - u[right].min()))
 
 
@@ -77,90 +190,28 @@ def stretch(
     strains: Sequence[float] | Array,
     *,
     say: Callable[[str], None] = lambda text: None,
-    record: Record | None = None,
+    record: Callable[[int, Structure, Equilibrium], None] = lambda step, structure, state: None,
 ) -> Stretch:
-    """Follow the equilibrium of ``sheet`` through nominal strains (k,); ``record`` sees every step, rest included.
-
-    Every equilibrium is stable: the solver leaves unstable ones downhill.
+    """Follow the equilibrium of ``sheet`` from rest through ``strains`` (k,); ``record`` sees rest and every step.
 
     Raises:
         ConvergenceError: the equilibrium was lost.
     """
     begin = time.perf_counter()
-    structure = sheet.build()
-    bottom, top = side_nodes(structure, 1, end="low"), side_nodes(structure, 1, end="high")
-    fixed = np.zeros(structure.nodes.shape, dtype=bool)
-    fixed[bottom] = fixed[top] = True
-    solver = EquilibriumSolver(structure, fixed=fixed, options=NewtonOptions(linear_solver=sheet.linear_solver))
-    choice = solver.newton.choice
-    say(f"{len(structure.cells)} cells, {solver.newton.pattern.size} unknowns, {choice.backend} ({choice.reason})")
-    width, height, thickness = structure.size
-    area = float(width * thickness)
-    up = np.zeros(structure.nodes.shape)
-    up[top, 1] = 1.0
-    tendons = ~structure.bars
-    states, stress, modulus, compressed = [], [], [], []
-    for step, strain in enumerate([0.0, *strains]):
-        state = solver.solve(displacement=strain * height * up, stable=True)
-        stress.append(float(state.reaction[top, 1].sum()) / area)
-        modulus.append(stiffness_under_motion(solver, up) * float(height) / area)
-        compressed.append(int((state.members.force[tendons] < 0.0).sum()))
-        states.append((state.negative_pivots or 0, state.iterations, state.factorisations, state.residual))
-        if record:
-            record(step, float(strain), structure, state)
+    body = ClampedSheet(sheet)
+    choice = body.solver.newton.choice
+    say(f"{len(body.structure.cells)} cells, {body.dofs} unknowns, {choice.backend} ({choice.reason})")
+    steps = []
+    for number, strain in enumerate([0.0, *map(float, strains)]):
+        at = body.load(strain)
+        state, compressed = at.state, compressed_tendons(body.structure, at.state.members)
+        how = (state.negative_pivots or 0, state.iterations, state.factorisations, state.residual)
+        step = StretchStep(strain, at.nominal_stress, body.tangent_modulus(), compressed, *how)
+        steps.append(step)
+        record(number, body.structure, state)
         say(
-            f"step {step} of {len(strains)}: strain {strain:.2%}, nominal stress {stress[-1]:.4g} Pa, tangent modulus "
-            f"{modulus[-1]:.4g} Pa, {state.iterations} iterations, {compressed[-1]} compressed tendons, "
-            f"{time.perf_counter() - begin:.0f} s"
+            f"step {number} of {len(strains)}: strain {strain:.2%}, nominal stress {step.nominal_stress:.4g} Pa, "
+            f"tangent modulus {step.tangent_modulus:.4g} Pa, {step.iterations} iterations, "
+            f"{compressed} compressed tendons, {time.perf_counter() - begin:.0f} s"
         )
-    pivots, iterations, factorisations, residuals = zip(*states, strict=True)
-    return Stretch(
-        sheet=sheet,
-        structure=structure,
-        final=state,
-        strain=[0.0, *(float(strain) for strain in strains)],
-        nominal_stress=stress,
-        tangent_modulus=modulus,
-        compressed_tendons=compressed,
-        negative_pivots=list(pivots),
-        iterations=sum(iterations),
-        factorisations=sum(factorisations),
-        residual=max(residuals),
-        dofs=solver.newton.pattern.size,
-    )
-
-
-@dataclass(frozen=True)
-class CellStrain:
-    """Every cell at the end of the stretch."""
-
-    midpoint: Array
-    """Reference midpoints (c, 3), m."""
-    displacement: Array
-    """Mean displacement of the cell's 24 nodes (c, 3), m."""
-    strain: Array
-    """Infinitesimal strain sym(H) (c, 3, 3)."""
-
-    def components(self) -> dict[str, Array]:
-        """The in-plane strains by name (c,)."""
-        return {f"eps_{'xyz'[i]}{'xyz'[j]}": self.strain[:, i, j] for i, j in ((0, 0), (1, 1), (0, 1))}
-
-
-def histogram_edges(values: Array, bins: int = 40) -> Array:
-    """Edges (bins + 1,) of equal bins that hold all values; of values that are all but equal, around them."""
-    low, high = float(values.min()), float(values.max())
-    if high - low < 1e-9:
-        low, high = low - 1e-3, high + 1e-3
-    return np.linspace(low, high, bins + 1)
-
-
-def cell_strain(result: Stretch) -> CellStrain:
-    """Strain of every cell of the stretched sheet, from its own nodes."""
-    structure, u = result.structure, result.final.displacement
-    H = cell_gradient(structure, u)
-    height = result.sheet.parameters.height
-    return CellStrain(
-        midpoint=(structure.cells.astype(float) + 0.5) * height,
-        displacement=cell_displacement(structure, u),
-        strain=0.5 * (H + np.swapaxes(H, 1, 2)),
-    )
+    return Stretch(sheet, body.structure, steps, state, body.dofs)

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from tsg_micro.cells.lattice import side_nodes
 from tsg_micro.cells.structure import Structure
 from tsg_micro.equilibrium.load_path import EquilibriumSolver
+from tsg_micro.equilibrium.members import MemberState
 
-__all__ = ["cell_displacement", "face_rotation", "stiffness_under_load", "stiffness_under_motion"]
+__all__ = ["cell_displacement", "compressed_tendons", "face_rotation", "stiffness_under_load", "stiffness_under_motion"]
 
 Array = NDArray[np.float64]
 
@@ -62,6 +63,11 @@ def face_rotation(structure: Structure, displacement: Array, *, axis: int, end: 
     # dropping y leaves (x, z), whose cross product is along -y
     outward = (1.0 if end == "high" else -1.0) * (-1.0 if axis == 1 else 1.0)
     return float(np.arctan2(outward * (X[:, 0] * x[:, 1] - X[:, 1] * x[:, 0]).sum(), (X * x).sum()))
+
+
+def compressed_tendons(structure: Structure, members: MemberState) -> int:
+    """Tendons with a negative force, which would be slack in a model without compression in tendons."""
+    return int((members.force[~structure.bars] < 0.0).sum())
 
 
 def cell_displacement(structure: Structure, displacement: Array) -> Array:

@@ -21,7 +21,7 @@ from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import COMPONENTS, to_mandel
 from tsg_micro.data.stress import check_measure
 
-__all__ = ["STRAIN_UNITS", "STRESS_UNITS", "Column", "read_csv", "read_headers", "read_numbers"]
+__all__ = ["STRAIN_UNITS", "STRESS_UNITS", "Column", "parse_columns", "read_csv", "read_headers", "read_numbers"]
 
 Array = NDArray[np.float64]
 
@@ -166,6 +166,25 @@ def read_numbers(path: Path, columns: Mapping[str, Column]) -> dict[str, Array]:
     if not values["line"]:
         raise InputError(f"CSV file {path}: expected lines of numbers below the headers, got none")
     return {name: np.array(numbers) for name, numbers in values.items()}
+
+
+def parse_columns(column: list[str]) -> dict[str, Column]:
+    """Columns by component from texts NAME=HEADER:UNIT; the last colon ends the header.
+
+    Raises:
+        InputError: a text of another form, or a name that comes twice.
+    """
+    columns: dict[str, Column] = {}
+    for text in column:
+        name, equals, rest = text.partition("=")
+        header, colon, unit = rest.rpartition(":")
+        parts = [part.strip() for part in (name, header, unit)]
+        if not (equals and colon and all(parts)):
+            raise InputError(f"column: expected NAME=HEADER:UNIT, as eps_xx=strain:%, got {text!r}")
+        if parts[0] in columns:
+            raise InputError(f"column: expected each name once, got {parts[0]} twice")
+        columns[parts[0]] = Column(header=parts[1], unit=parts[2])
+    return columns
 
 
 def read_headers(path: Path) -> tuple[list[str], str]:

@@ -6,15 +6,14 @@ from collections.abc import Mapping
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike, NDArray
 
 from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import InputError
+from tsg_micro.data.figure_style import STYLE, finite, new_figure, plot_maps, tidy
 from tsg_micro.data.mandel import COMPONENTS, from_mandel, pressure, von_mises
-from tsg_micro.figures.sheet import MICRO, STYLE, finite, new_figure
 
 __all__ = ["outlines", "plot_blocks", "plot_curve", "plot_dataset"]
 
@@ -44,8 +43,7 @@ def plot_dataset(dataset: Dataset) -> Figure:
                 member = np.flatnonzero(dataset.path == path)
                 member = member[np.argsort(dataset.step[member])]
                 axes.plot(x[member], y[member], "o-", color=colour, markersize=3.5, linewidth=1.2)
-            axes.grid(color="0.92", linewidth=0.8)
-            axes.spines[["top", "right"]].set_visible(False)
+            tidy(axes)
         left.set_xlabel(rf"$\varepsilon_{{{COMPONENTS[first]}}}$ / %")
         left.set_ylabel(rf"$\varepsilon_{{{COMPONENTS[second]}}}$ / %")
         left.set_title(f"{len(dataset)} points on {len(np.unique(dataset.path))} paths")
@@ -84,31 +82,8 @@ def plot_blocks(
     midpoint = midpoint[top]
     if displacement is not None:
         displacement = finite("displacement", displacement, (len(top), 3))[top]
-    outline = MICRO * outlines(midpoint, displacement, single)
-    extent = np.ptp(outline.reshape(-1, 2), axis=0)
-    with mpl.rc_context(STYLE):
-        rows = -(-len(fields) // columns)
-        figure = new_figure(6.2 * columns, (0.9 + 4.4 * float(np.clip(extent[1] / extent[0], 0.25, 1.5))) * rows)
-        grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
-        for axes, (title, (values, unit)) in zip(grid, fields.items(), strict=False):
-            shown = finite(f"field {title}", values, (len(top),))[top]
-            drawn = PolyCollection(list(outline), array=shown, cmap="viridis", edgecolors="face", linewidths=0.2)
-            if np.ptp(shown) == 0:  # a constant field gets some room
-                drawn.set_clim(*(shown[0] + np.array([-0.5, 0.5]) * (abs(shown[0]) or 1.0)))
-            axes.add_collection(drawn)
-            axes.set_aspect("equal")
-            axes.autoscale_view()
-            axes.margins(0)
-            axes.set_title(title)
-            figure.colorbar(drawn, cax=axes.inset_axes((1.02, 0.0, 0.03, 1.0)), label=unit)
-        for i, axes in enumerate(grid):
-            axes.set_visible(i < len(fields))
-            if i % columns == 0:
-                axes.set_ylabel(r"$y$ / µm")
-            if len(fields) - columns <= i < len(fields):
-                axes.set_xlabel(r"$x$ / µm")
-                axes.tick_params(labelbottom=True)
-    return figure
+    shown = {title: (finite(f"field {title}", v, (len(top),))[top], unit) for title, (v, unit) in fields.items()}
+    return plot_maps(outlines(midpoint, displacement, single), shown, columns=columns)
 
 
 def plot_curve(
@@ -128,8 +103,7 @@ def plot_curve(
         axes.plot(100 * strain, factor * stress, "o-", color="#20639b", markersize=5)
         axes.set_xlabel(f"{strain_label} / %")
         axes.set_ylabel(f"{stress_label} / {unit}")
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.grid(color="0.9", linewidth=0.8)
+        tidy(axes)
     return figure
 
 

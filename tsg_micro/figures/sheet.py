@@ -1,47 +1,37 @@
-"""Sheets of cells seen from above, and what all figures share.
+"""Sheets of cells seen from above, and what draws members.
 
 Lengths in m, forces in N, stresses in Pa go in; a Matplotlib figure that needs no display comes out.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from tsg_micro.cells.structure import Structure, member_vectors
 from tsg_micro.data.errors import InputError
-from tsg_micro.data.files import atomic_path
+from tsg_micro.data.figure_style import MICRO, STYLE, finite, new_figure
 
 __all__ = [
     "FORCE",
-    "MICRO",
-    "STYLE",
     "cased_lines",
-    "finite",
     "frame",
     "member_segments",
-    "new_figure",
     "plot_sheet",
-    "save_figure",
     "scale_bar",
     "triad",
 ]
 
 Array = NDArray[np.float64]
 
-STYLE = {"font.size": 13, "axes.titlesize": 14, "axes.linewidth": 0.8, "savefig.dpi": 200}
-MICRO = 1e6
 # grey, not white, in the middle: thin members of a small force must not vanish
 FORCE = LinearSegmentedColormap.from_list("force", ["#053061", "#2f79b5", "#c0c0c0", "#d6604d", "#67001f"])
 
@@ -101,31 +91,6 @@ def plot_sheet(structure: Structure, displacement: Array, force: Array) -> Figur
         cax = grid[1].inset_axes((1.04, 0.0, 0.05, 1.0))
         figure.colorbar(scale, cax=cax, label="member force / nN", extend=extend)
     return figure
-
-
-def save_figure(figure: Figure, path: str | Path) -> None:
-    """Write the figure, whole or not at all; the suffix chooses the format.
-
-    Raises:
-        InputError: the folder cannot be written.
-    """
-    with atomic_path(path) as temporary, mpl.rc_context(STYLE):
-        figure.savefig(temporary)
-
-
-def new_figure(width: float, height: float) -> Figure:
-    """An empty figure, sizes in inches."""
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)  # no display, whatever backend is set
-    return figure
-
-
-def finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """``values`` as an array; InputError where it has another shape or NaN."""
-    array = np.asarray(values, dtype=float)
-    if array.shape != shape or array.size == 0 or not np.isfinite(array).all():
-        raise InputError(f"{name}: expected finite numbers of shape {shape}, got shape {array.shape} or NaN")
-    return array
 
 
 def member_segments(structure: Structure, displacement: Array | None) -> Array:

@@ -26,18 +26,8 @@ from numpy.typing import NDArray
 from tsg_micro.cells.structure import Structure
 from tsg_micro.cells.unit_cell import KINDS
 from tsg_micro.data.errors import InputError
-from tsg_micro.figures.sheet import (
-    FORCE,
-    MICRO,
-    STYLE,
-    cased_lines,
-    finite,
-    frame,
-    member_segments,
-    new_figure,
-    scale_bar,
-    triad,
-)
+from tsg_micro.data.figure_style import MICRO, STYLE, finite, new_figure
+from tsg_micro.figures.sheet import FORCE, cased_lines, frame, member_segments, scale_bar, triad
 
 __all__ = ["RENDERERS", "View", "choose_renderer", "plot_structure", "plot_views"]
 

@@ -1,4 +1,4 @@
-"""The file of a structure that ParaView opens: its members as lines, with what they carry."""
+"""The files of a structure that ParaView opens: its members as lines, with what they carry."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from tsg_micro.cells.structure import Structure
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import atomic_path
+from tsg_micro.data.series import write_pvd
+from tsg_micro.equilibrium.load_path import Equilibrium
 from tsg_micro.equilibrium.members import MemberState
 
-__all__ = ["write_vtu"]
+__all__ = ["VtuSeries", "write_vtu"]
 
 Array = NDArray[np.float64]
 
@@ -56,3 +58,22 @@ def write_vtu(path: str | Path, structure: Structure, displacement: Array, membe
     )
     with atomic_path(path) as temporary:
         mesh.write(temporary, file_format="vtu")
+
+
+class VtuSeries:
+    """States of a structure along a path, each a file in the folder ``steps`` beside ``pvd``, the list of them."""
+
+    def __init__(self, pvd: Path, steps: str = "steps") -> None:
+        self.pvd, self.steps = pvd, steps
+        self.files: list[tuple[float, str | Path]] = []
+        (pvd.parent / steps).mkdir(exist_ok=True)
+
+    def add(self, number: int, structure: Structure, state: Equilibrium, *, time: float | None = None) -> None:
+        """Write the state of this ``number``, which is its time too where none is given."""
+        name = f"{self.steps}/{number:03d}.vtu"
+        write_vtu(self.pvd.parent / name, structure, state.displacement, state.members)
+        self.files.append((float(number) if time is None else time, name))
+
+    def close(self) -> None:
+        """Write the list."""
+        write_pvd(self.pvd, self.files)

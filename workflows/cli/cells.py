@@ -11,7 +11,7 @@ from workflows.cli.options import BarForce, Out, Plots, report, say
 from workflows.runs.ranks import check_alone
 
 if TYPE_CHECKING:
-    from tsg_micro.cells.parameters import CellParameters
+    from tsg_micro.cells.tissue import Tissue
 
 __all__ = ["scenes"]
 
@@ -24,10 +24,11 @@ Top = Annotated[str, typer.Option(help="Top nodes: free, or guided up and down o
 LinearSolver = Annotated[str, typer.Option(help="auto, superlu, pardiso or mumps.")]
 
 
-def _cell(e_bar: float, e_tendon: float, half_diagonal: float) -> CellParameters:
+def _tissue(e_bar: float, e_tendon: float, half_diagonal: float, bar_force: float = 1e-8) -> Tissue:
     from tsg_micro.cells.parameters import CellParameters
+    from tsg_micro.cells.tissue import Tissue
 
-    return CellParameters(E_bar=e_bar, E_tendon=e_tendon, half_diagonal=half_diagonal)
+    return Tissue(CellParameters(E_bar=e_bar, E_tendon=e_tendon, half_diagonal=half_diagonal), bar_force)
 
 
 def _numbers(name: str, text: str) -> list[float]:
@@ -73,14 +74,13 @@ def cell(
     check_alone("cell")
     from workflows.runs.cell import cell as run
 
-    parameters = _cell(e_bar, e_tendon, half_diagonal)
     summary = run(
         out,
         bar_force=bar_force or (),
         force=force,
         steps=steps,
         top=top,
-        parameters=parameters,
+        tissue=_tissue(e_bar, e_tendon, half_diagonal),
         plots=plots,
         say=say,
     )
@@ -109,18 +109,16 @@ def monolayer(
     check_alone("monolayer")
     from workflows.runs.monolayer import monolayer as run
 
-    parameters = _cell(e_bar, e_tendon, half_diagonal)
     summary = run(
         out,
         blocks=blocks,
         layers=layers,
         strain=strain,
-        bar_force=bar_force,
         steps=steps,
         write_every=write_every,
         convergence=_sizes("convergence", convergence),
         band=_numbers("band", band),
-        parameters=parameters,
+        tissue=_tissue(e_bar, e_tendon, half_diagonal, bar_force),
         linear_solver=linear_solver,
         plots=plots,
         say=say,
@@ -154,10 +152,10 @@ def calibrate(
 ) -> None:
     """Fit parameters to a measured curve, and say how well each is determined."""
     check_alone("calibrate")
-    from workflows.runs.calibrate import Model
+    from tsg_micro.bodies.curve_fit import Model
     from workflows.runs.calibrate import calibrate as run
 
-    model = Model(scene, _cell(e_bar, e_tendon, half_diagonal), bar_force, blocks=blocks, top=top)
+    model = Model(scene, _tissue(e_bar, e_tendon, half_diagonal, bar_force), blocks=blocks, top=top)
     summary = run(out, data=data, fit=[*fit, *(more or [])], model=model, column=column or [], plots=plots)
     for name, row in summary["fitted"].items():
         low, high = row["interval"]
@@ -202,7 +200,7 @@ def spheroid(
         load=load,
         level=level,
         steps=steps,
-        cell=_cell(e_bar, e_tendon, half_diagonal),
+        tissue=_tissue(e_bar, e_tendon, half_diagonal),
         linear_solver=linear_solver,
         plots=plots,
         say=say,

@@ -59,11 +59,12 @@ def structure(
 ) -> None:
     """Build a lattice of cells, check its self-stress, draw it."""
     check_alone("structure")
+    from tsg_micro.cells.parameters import CellParameters
+    from tsg_micro.cells.tissue import Tissue
     from workflows.runs.structure import structure as run
 
-    summary = run(
-        out, cells=cells, shape=shape, radius=radius, bar_force=bar_force, half_diagonal=half_diagonal, plots=plots
-    )
+    tissue = Tissue(CellParameters(half_diagonal=half_diagonal), bar_force)
+    summary = run(out, cells=cells, shape=shape, radius=radius, tissue=tissue, plots=plots)
     report(summary, "nodes bars tendons cells self_stress_states mechanisms equilibrium_residual", out)
 
 
@@ -122,6 +123,7 @@ def dns(
     A run that was cut short goes on after its last load step when the same command is given again.
     """
     check_alone("dns")
+    from tsg_micro.cells.tissue import Tissue
     from workflows.runs.dns import dns as run
 
     out = out or Path("results") / f"dns-{load.value}"
@@ -130,7 +132,7 @@ def dns(
         blocks=blocks,
         load=load.value,
         strain=strain,
-        bar_force=bar_force,
+        tissue=Tissue(bar_force=bar_force),
         flat=flat,
         steps=steps,
         linear_solver=linear_solver,

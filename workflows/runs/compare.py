@@ -76,7 +76,8 @@ def _draw(
     out: Path, fields: QuadratureFields, material: BlockStress | None, mechanical: BlockStress, tensegrity: BlockStress
 ) -> None:
     """The paper's four panels, for p and for q; FE2 has no material solution of its own."""
-    from dd_macro.results.figures import plot_comparison, save_figure
+    from dd_macro.results.figures import plot_comparison
+    from tsg_micro.data.figure_style import save_figure
 
     found = match_blocks(mechanical, tensegrity)
     outline, inner = fields.corners[:, :4, :2], interior_blocks(mechanical.midpoint)
@@ -93,7 +94,8 @@ def _draw(
 
 
 def _draw_boundary(out: Path, fields: QuadratureFields, maps: dict[str, dict[str, ErrorMap]], method: str) -> None:
-    from dd_macro.results.figures import plot_boundary, save_figure
+    from dd_macro.results.figures import plot_boundary
+    from tsg_micro.data.figure_style import save_figure
 
     named = {"mech": "mechanical", "mat": "material"} if method == "data-driven" else {"mech": method}
     chosen = {f"{title} ${symbol}$": maps[symbol][name] for symbol in maps for name, title in named.items()}

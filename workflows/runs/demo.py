@@ -7,8 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from tsg_micro.cells.tissue import Tissue
+from tsg_micro.data.figure_style import save_figure
 from tsg_micro.data.files import output_folder
-from tsg_micro.figures.sheet import save_figure
 from workflows.runs.dns import dns
 from workflows.runs.sample import sample
 from workflows.store.record import write_summary
@@ -49,7 +50,7 @@ def demo(
         blocks=blocks,
         load="stretch",
         strain=strain,
-        bar_force=bar_force,
+        tissue=Tissue(bar_force=bar_force),
         say=lambda text: say(f"     {text}"),
     )
     say("3/4  data-driven finite elements, one element a block")

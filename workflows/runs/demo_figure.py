@@ -16,12 +16,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dd_macro.results.compare import BlockStress, match_blocks
-from dd_macro.results.figures import colour_bar, draw_field
 from dd_macro.results.quadrature_file import QuadratureFields, read_quadrature
 from tsg_micro.cells.unit_cell import BAR
 from tsg_micro.data.dataset import convert_dataset, read_dataset
+from tsg_micro.data.figure_style import STYLE, colour_bar, draw_field, new_figure
 from tsg_micro.data.mandel import pressure
-from tsg_micro.figures.sheet import FORCE, STYLE, new_figure
+from tsg_micro.figures.sheet import FORCE
 
 __all__ = ["plot_demo"]
 

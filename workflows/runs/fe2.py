@@ -105,8 +105,8 @@ def fe2(
 
 def _draw(out: Path, history: tuple[dd.NewtonIteration, ...]) -> None:
     """Figures from the written file; rank 0 only, nothing is gathered."""
-    from dd_macro.results.figures import plot_maps, save_figure
-    from workflows.runs.fe2_figure import plot_newton
+    from dd_macro.results.figures import plot_newton
+    from tsg_micro.data.figure_style import plot_maps, save_figure
 
     fields = dd.read_quadrature(out / "quadrature.h5")
     maps = {

@@ -8,32 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from tsg_micro.data.dataset import write_dataset
-from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_file
 from tsg_micro.data.mandel import pressure, von_mises
-from tsg_micro.data.measured import Column, read_csv
+from tsg_micro.data.measured import parse_columns, read_csv
 from workflows.store.record import versions, write_summary
 
-__all__ = ["import_csv", "parse_columns"]
-
-
-def parse_columns(column: list[str]) -> dict[str, Column]:
-    """Columns by component from texts NAME=HEADER:UNIT; the last colon ends the header.
-
-    Raises:
-        InputError: a text of another form, or a name that comes twice.
-    """
-    columns: dict[str, Column] = {}
-    for text in column:
-        name, equals, rest = text.partition("=")
-        header, colon, unit = rest.rpartition(":")
-        parts = [part.strip() for part in (name, header, unit)]
-        if not (equals and colon and all(parts)):
-            raise InputError(f"column: expected NAME=HEADER:UNIT, as eps_xx=strain:%, got {text!r}")
-        if parts[0] in columns:
-            raise InputError(f"column: expected each name once, got {parts[0]} twice")
-        columns[parts[0]] = Column(header=parts[1], unit=parts[2])
-    return columns
+__all__ = ["import_csv"]
 
 
 def import_csv(

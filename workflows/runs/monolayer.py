@@ -8,22 +8,24 @@ layers times cell height. The strain of a cell is the infinitesimal one, sym(H) 
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
-from tsg_micro.bodies.sheet import CellStrain, Sheet, Stretch, cell_strain, histogram_edges, stretch
-from tsg_micro.cells.parameters import CellParameters, check_bar_force
+from tsg_micro.bodies.cell import indent
+from tsg_micro.bodies.sheet import Sheet, Stretch, stretch
+from tsg_micro.bodies.sheet_means import CellStrain, cell_strain, histogram_edges
+from tsg_micro.cells.structure import Structure
+from tsg_micro.cells.tissue import Tissue
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import atomic_path, output_folder
 from tsg_micro.equilibrium.linear_solvers import choose_backend
-from workflows.runs.cell import indent
+from tsg_micro.equilibrium.load_path import Equilibrium
 from workflows.runs.loads import check_load
 from workflows.store.record import peak_memory, write_summary
 
@@ -34,6 +36,14 @@ INDENTATION = 3e-9
 BAND_BLOCKS = (20, 10)
 """Largest sheet for the curves of other bar forces."""
 
+_CURVE = {
+    "strain": "1",
+    "nominal_stress": "Pa",
+    "tangent_modulus": "Pa",
+    "compressed_tendons": "at each step",
+    "negative_pivots": "at each step",
+}
+
 
 def monolayer(
     out: Path,
@@ -41,12 +51,11 @@ def monolayer(
     blocks: tuple[int, int] = (60, 30),
     layers: int = 1,
     strain: float = 0.25,
-    bar_force: float = 1e-8,
+    tissue: Tissue | None = None,
     steps: int = 25,
     write_every: int = 5,
     convergence: Sequence[tuple[int, int]] = (),
     band: Sequence[float] = (),
-    parameters: CellParameters | None = None,
     linear_solver: str = "auto",
     plots: bool = True,
     say: Callable[[str], None] = lambda text: None,
@@ -61,78 +70,69 @@ def monolayer(
         InputError: an argument is not valid.
         ConvergenceError: the equilibrium was lost.
     """
-    parameters = parameters or CellParameters()
-    _check(strain, steps, write_every, [blocks, *convergence], [bar_force, *band], parameters, layers)
+    tissue = tissue or Tissue()
+    _check(strain, steps, write_every, [blocks, *convergence], layers)
+    tissues = [replace(tissue, bar_force=f) for f in band]
     choose_backend(1, linear_solver)
     out = output_folder(out)
 
     begin = time.perf_counter()
-    sheet = Sheet(blocks, layers, bar_force, parameters, linear_solver)
+    sheet = Sheet(blocks, layers, tissue, linear_solver=linear_solver)
     strains = strain * np.arange(1, steps + 1) / steps
-    writer = None
+    series = None
     if plots:
-        from workflows.runs.monolayer_figures import SeriesWriter
+        from tsg_micro.figures.vtu import VtuSeries
 
-        writer = SeriesWriter(out, every=write_every, last=steps)
-    result = stretch(sheet, strains, say=say, record=writer)
+        series = VtuSeries(out / "monolayer.pvd")
+
+    def record(step: int, structure: Structure, state: Equilibrium) -> None:
+        if series and (step % write_every == 0 or step == steps):
+            series.add(step, structure, state)
+
+    result = stretch(sheet, strains, say=say, record=record)
     seconds = time.perf_counter() - begin
     cells = cell_strain(result)
     _write_cells(out / "cells.h5", cells)
-    modulus = _cell_modulus(parameters, bar_force)
-    sizes = [stretch(dataclasses.replace(sheet, blocks=size), strains) for size in convergence]
-    small = dataclasses.replace(sheet, blocks=(min(blocks[0], BAND_BLOCKS[0]), min(blocks[1], BAND_BLOCKS[1])))
-    others = [stretch(dataclasses.replace(small, bar_force=f), strains) for f in band]
-    moduli = [_cell_modulus(parameters, f) for f in band]
+    modulus = _cell_modulus(tissue)
+    sizes = [stretch(replace(sheet, blocks=size), strains) for size in convergence]
+    small = replace(sheet, blocks=(min(blocks[0], BAND_BLOCKS[0]), min(blocks[1], BAND_BLOCKS[1])))
+    others = [(stretch(replace(small, tissue=one), strains), _cell_modulus(one)) for one in tissues]
     figures = _figures(result, cells, modulus) | {
         "convergence": ([_row(other) | _differences(other, result) for other in sizes], "SI"),
-        "band": (
-            [_row(other) | _ratios(other, one) for other, one in zip(others, moduli, strict=True)],
-            "SI",
-        ),
+        "band": ([_row(other) | {"cell_apparent_modulus": one} | _ratios(other, one) for other, one in others], "SI"),
         "seconds": (seconds, "s"),
         "peak_memory": (peak_memory(), "B"),
     }
-    summary = write_summary(
-        out,
-        command="monolayer",
-        parameters={
-            "blocks": blocks,
-            "layers": layers,
-            "strain": strain,
-            "bar_force": bar_force,
-            "steps": steps,
-            "convergence": list(convergence),
-            "band": list(band),
-            "linear_solver": linear_solver,
-            "cell": asdict(parameters),
-        },
-        figures=figures,
-    )
-    if writer:
-        from workflows.runs.monolayer_figures import draw_monolayer
-
-        writer.close()
-        draw_monolayer(out, result, cells, modulus)
-        if sizes:
-            from workflows.runs.monolayer_figures import draw_convergence
-
-            draw_convergence(out, [*sizes, result])
-        if others:
-            from workflows.runs.monolayer_figures import draw_band
-
-            draw_band(out, others, moduli)
+    parameters = {"blocks": blocks, "layers": layers, "strain": strain, "steps": steps, **tissue.as_dict()}
+    parameters |= {"convergence": list(convergence), "band": list(band), "linear_solver": linear_solver}
+    summary = write_summary(out, command="monolayer", parameters=parameters, figures=figures)
+    if series:
+        series.close()
+        _draw(out, result, cells, modulus, sizes, others)
     return summary
 
 
-def _check(
-    strain: float,
-    steps: int,
-    write_every: int,
-    sizes: Sequence[tuple[int, int]],
-    bar_forces: Sequence[float],
-    parameters: CellParameters,
-    layers: int,
+def _draw(
+    out: Path,
+    result: Stretch,
+    cells: CellStrain,
+    modulus: float,
+    sizes: list[Stretch],
+    others: list[tuple[Stretch, float]],
 ) -> None:
+    """All figures; those of other sizes and bar forces where there are any."""
+    from tsg_micro.figures.stretch import draw_band, draw_convergence, draw_stretch
+    from workflows.experiments import published
+
+    measured = published("harris_2012")["modulus_ratio"]
+    draw_stretch(out, result, cells, modulus, (measured.label, measured.low))
+    if sizes:
+        draw_convergence(out, [*sizes, result])
+    if others:
+        draw_band(out, others, (measured.label, measured.low))
+
+
+def _check(strain: float, steps: int, write_every: int, sizes: Sequence[tuple[int, int]], layers: int) -> None:
     """Raise InputError where an argument is not valid."""
     check_load("stretch", strain)
     if min(steps, write_every, layers) < 1:
@@ -140,41 +140,30 @@ def _check(
     for size in sizes:
         if min(size) < 1:
             raise InputError(f"blocks: expected at least 1 along x and y, got {size[0]} {size[1]}")
-    for value in bar_forces:
-        check_bar_force(value, cells=1, EA_bar=parameters.EA_bar)
 
 
-def _cell_modulus(parameters: CellParameters, bar_force: float) -> float:
-    """Apparent modulus, Pa, of one cell under INDENTATION: (F / h^2) / (d / h)."""
-    pressed = indent(parameters, bar_force, INDENTATION * np.array([0.25, 0.5, 0.75, 1.0]))
-    return INDENTATION / float(pressed.displacement[-1]) / parameters.height
+def _cell_modulus(tissue: Tissue) -> float:
+    """Apparent modulus, Pa, of one cell under INDENTATION."""
+    return indent(tissue, INDENTATION * np.array([0.25, 0.5, 0.75, 1.0])).apparent_modulus
 
 
 def _row(result: Stretch) -> dict[str, Any]:
     """The curve of one more sheet."""
-    return {
-        "blocks": result.sheet.blocks,
-        "bar_force": result.sheet.bar_force,
-        "strain": result.strain,
-        "nominal_stress": result.nominal_stress,
-        "tangent_modulus": result.tangent_modulus,
-        "compressed_tendons": result.compressed_tendons,
-        "negative_pivots": result.negative_pivots,
-    }
+    curve = {name: result.column(name) for name in _CURVE}
+    return {"blocks": result.sheet.blocks, "bar_force": result.sheet.tissue.bar_force, **curve}
 
 
-def _ratios(result: Stretch, modulus: float) -> dict[str, Any]:
+def _ratios(result: Stretch, modulus: float) -> dict[str, float]:
     """Moduli of the sheet over that of the single cell."""
     return {
-        "cell_apparent_modulus": modulus,
-        "modulus_ratio": result.tangent_modulus[0] / modulus,
-        "modulus_ratio_at_full_strain": result.tangent_modulus[-1] / modulus,
+        "modulus_ratio": result.steps[0].tangent_modulus / modulus,
+        "modulus_ratio_at_full_strain": result.steps[-1].tangent_modulus / modulus,
     }
 
 
-def _differences(result: Stretch, largest: Stretch) -> dict[str, Any]:
+def _differences(result: Stretch, largest: Stretch) -> dict[str, float]:
     """How far a smaller sheet's curve is from that of the largest, relative to the stress at full strain."""
-    stress, reference = np.array(result.nominal_stress), np.array(largest.nominal_stress)
+    stress, reference = (np.array(one.column("nominal_stress")) for one in (result, largest))
     return {
         "difference_at_full_strain": stress[-1] / reference[-1] - 1.0,
         "largest_difference": np.abs(stress - reference).max() / abs(reference[-1]),
@@ -196,23 +185,17 @@ def _figures(result: Stretch, cells: CellStrain, modulus: float) -> dict[str, tu
             "edges": edges,
             "counts": counts,
         }
-    ratios = _ratios(result, modulus)
     return {
-        "strain": (result.strain, "1"),
-        "nominal_stress": (result.nominal_stress, "Pa"),
-        "tangent_modulus": (result.tangent_modulus, "Pa"),
-        "compressed_tendons": (result.compressed_tendons, "at each step"),
-        "negative_pivots": (result.negative_pivots, "at each step"),
+        **{name: (result.column(name), unit) for name, unit in _CURVE.items()},
         "cell_strain": (histograms, "1"),
         "edge_contraction": (result.edge_contraction, "m"),
         "cell_apparent_modulus": (modulus, "Pa"),
-        "modulus_ratio": (ratios["modulus_ratio"], "1"),
-        "modulus_ratio_at_full_strain": (ratios["modulus_ratio_at_full_strain"], "1"),
+        **{name: (ratio, "1") for name, ratio in _ratios(result, modulus).items()},
         "cells": (len(result.structure.cells), ""),
         "dofs": (result.dofs, ""),
-        "newton_iterations": (result.iterations, ""),
-        "factorisations": (result.factorisations, ""),
-        "residual": (result.residual, "mean member force"),
+        "newton_iterations": (sum(result.column("iterations")), ""),
+        "factorisations": (sum(result.column("factorisations")), ""),
+        "residual": (max(result.column("residual")), "mean member force"),
         "linear_solver": (final.solver.backend, ""),
         "linear_solver_reason": (final.solver.reason, ""),
     }

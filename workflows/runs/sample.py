@@ -150,8 +150,8 @@ def sample(
         },
     )
     if plots:
+        from tsg_micro.data.figure_style import save_figure
         from tsg_micro.figures.data import plot_dataset
-        from tsg_micro.figures.sheet import save_figure
 
         save_figure(plot_dataset(stored), out.with_suffix(".png"))
     if comm is not None:

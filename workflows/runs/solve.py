@@ -174,7 +174,8 @@ def _material(
 
 def _draw(out: Path, result: dd.DataDrivenResult) -> None:
     """Figures from the written file; rank 0 only, nothing is gathered."""
-    from dd_macro.results.figures import plot_convergence, plot_maps, save_figure
+    from dd_macro.results.figures import plot_convergence
+    from tsg_micro.data.figure_style import plot_maps, save_figure
 
     fields = dd.read_quadrature(out / "quadrature.h5")
     outline = fields.corners[:, :4, :2]
@@ -191,7 +192,8 @@ def _draw(out: Path, result: dd.DataDrivenResult) -> None:
 
 
 def _draw_rounds(out: Path, adapted: Adapted) -> None:
-    from dd_macro.results.figures import save_figure
-    from workflows.runs.adaptation_figure import plot_rounds
+    from dd_macro.results.figures import ROUNDS, plot_rounds
+    from tsg_micro.data.figure_style import save_figure
 
-    save_figure(plot_rounds(adapted.rounds), out / "adaptation.png")
+    rounds = {name: [getattr(one, name) for one in adapted.rounds] for name in ROUNDS}
+    save_figure(plot_rounds([one.data for one in adapted.rounds], rounds), out / "adaptation.png")

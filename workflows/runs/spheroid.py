@@ -5,28 +5,33 @@ from __future__ import annotations
 import csv
 import time
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tsg_micro.bodies.spheroid import Record, Spheroid, build_spheroid, record_state
-from tsg_micro.cells.parameters import CellParameters
-from tsg_micro.continuum.radial_profiles import core_over_rim, radial_profile
-from tsg_micro.data.errors import ConvergenceError, InputError
+from tsg_micro.bodies.spheroid import (
+    LOADS,
+    Compression,
+    Spheroid,
+    SpheroidState,
+    build_spheroid,
+    check_spheroid_load,
+    compress,
+)
+from tsg_micro.cells.tissue import Tissue
+from tsg_micro.continuum.response import compressed_tendons
+from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import atomic_path, output_folder
 from tsg_micro.equilibrium.linear_solvers import choose_backend
-from tsg_micro.equilibrium.load_path import Equilibrium, EquilibriumSolver
-from tsg_micro.equilibrium.newton import NewtonOptions
-from tsg_micro.equilibrium.rigid import rigid_border
-from tsg_micro.equilibrium.tangent import lowest_stiffness
+from tsg_micro.equilibrium.surface import enclosed_volume
 from workflows.store.record import peak_memory, write_summary
 
 __all__ = ["LEVELS", "spheroid"]
 
 LEVELS = {"pressure": 100.0, "displacement": 0.02}
-"""Loads and their default levels: Pa, and a linear strain.
+"""Loads to their default levels: Pa, and a linear strain.
 
 The pressure is of the order of the bar force at the rim over the area of a cell, exp(-2) 50 nN / (10 um)^2 = 68 Pa:
 there the prestress decides the stiffness. Under several times that the members' own stiffness does, which is the same
@@ -44,7 +49,7 @@ def spheroid(
     load: str = "pressure",
     level: float | None = None,
     steps: int = 5,
-    cell: CellParameters | None = None,
+    tissue: Tissue | None = None,
     linear_solver: str = "auto",
     plots: bool = True,
     say: Callable[[str], None] = lambda text: None,
@@ -54,122 +59,81 @@ def spheroid(
     The load is a ``pressure`` (Pa) that follows the surface, the free body kept by its mean displacement and rotation
     alone, or a ``displacement``: all surface nodes go towards the middle by ``level`` times their distance from it. It
     is recorded at ``steps`` equal levels, each a stable equilibrium; between them the step adapts. Where the
-    equilibrium is lost the run ends with what was reached. Writes blocks.csv, summary.json, and with ``plots``
-    figures, a VTU file for each level and spheroid.pvd into ``out``.
+    equilibrium is lost the run ends with what was reached. The cells are those of ``tissue``, their bar force ``f_max``
+    (N) at the centre. Writes blocks.csv, summary.json, and with ``plots`` figures, a VTU file for each level and
+    spheroid.pvd into ``out``.
 
     Raises:
         InputError: an argument is not valid.
     """
-    if load not in LEVELS:
-        raise InputError(f"load: expected one of {', '.join(LEVELS)}, got {load!r}")
+    level = _check(load, level, steps, f_max)
+    choose_backend(1, linear_solver)
+    begin = time.perf_counter()
+    tissue = replace(tissue or Tissue(), bar_force=f_max)
+    body = build_spheroid(tissue, radius=radius, profile=profile, decay=decay)
+    out = output_folder(out)
+    rest = enclosed_volume(body.surface, body.structure.nodes)
+
+    def note(record: SpheroidState) -> None:
+        state = record.state
+        say(
+            f"{load} {record.level:.4g}: volume {record.volume / rest:.4f}, {state.iterations} iterations, "
+            f"{state.negative_pivots} negative pivots, {time.perf_counter() - begin:.0f} s"
+        )
+
+    levels = level * np.arange(1, steps + 1) / steps
+    result = compress(body, load, levels, linear_solver=linear_solver, say=say, note=note)
+    reached = result.records[-1].level
+    stiffness = result.lowest_stiffness() if reached < level else None
+    seconds = time.perf_counter() - begin
+    _write_blocks(out / "blocks.csv", result)
+    unit, newton = LOADS[load], result.solver.newton
+    parameters = {"radius": radius, "f_max": f_max, "profile": profile, "decay": decay, "load": load, "level": level}
+    summary = write_summary(
+        out,
+        command="spheroid",
+        parameters={**parameters, "steps": steps, "linear_solver": linear_solver, "cell": asdict(tissue.cell)},
+        figures={
+            **_counts(body),
+            "dofs": (newton.pattern.size, ""),
+            "level": (level, unit),
+            "reached": (reached, unit),
+            "reason": (result.reason, ""),
+            "lowest_stiffness": (stiffness, "N/m"),
+            **_path(result),
+            **_radial(result),
+            "factorisations": (newton.factorisations, ""),
+            "linear_solver": (newton.choice.backend, ""),
+            "linear_solver_reason": (newton.choice.reason, ""),
+            "seconds": (seconds, "s"),
+            "peak_memory": (peak_memory(), "B"),
+        },
+    )
+    if plots:
+        from tsg_micro.figures.spheroid import draw_spheroid
+        from workflows.experiments import published
+
+        seen = published("dolega_2017")["core_over_surface"]
+        draw_spheroid(out, result, (seen.label, seen.low, seen.high))
+    return summary
+
+
+def _check(load: str, level: float | None, steps: int, f_max: float) -> float:
+    """The level to reach, the load's own where none is given.
+
+    Raises:
+        InputError: an argument is not valid.
+    """
+    check_spheroid_load(load)
     level = LEVELS[load] if level is None else level
     if not (np.isfinite(level) and level > 0.0) or (load == "displacement" and level >= 1.0):
         limit = "" if load == "pressure" else " below 1"
         raise InputError(f"level: expected a positive number{limit} (compression), got {level}")
     if steps < 1:
         raise InputError(f"steps: expected at least 1, got {steps}")
-    choose_backend(1, linear_solver)
-    begin = time.perf_counter()
-    cell = cell or CellParameters()
-    body = build_spheroid(radius=radius, f_max=f_max, profile=profile, decay=decay, cell=cell)
-    out = output_folder(out)
-    solver = _solver(body, load, linear_solver)
-    say(f"{solver.newton.pattern.size} unknowns, {solver.newton.choice.backend} ({solver.newton.choice.reason})")
-
-    def note(record: Record) -> None:
-        state = record.state
-        say(
-            f"{load} {record.level:.4g}: volume {record.volume / records[0].volume:.4f}, {state.iterations} iterations,"
-            f" {state.negative_pivots} negative pivots, {time.perf_counter() - begin:.0f} s"
-        )
-
-    records = [record_state(body, 0.0, solver.solve(stable=True))]
-    reason = "the level asked for"
-    for step in range(1, steps + 1):
-        reached, lost = _advance(solver, body, load, (level * (step - 1) / steps, level * step / steps))
-        records += [record_state(body, *reached)] if reached else []
-        if reached:
-            note(records[-1])
-        if lost:
-            reason = lost
-            say(f"stopped: {lost}")
-            break
-    stiffness = lowest_stiffness(solver.tangent()) if records[-1].level < level else None
-    seconds = time.perf_counter() - begin
-    _write_blocks(out / "blocks.csv", body, records)
-    summary = write_summary(
-        out,
-        command="spheroid",
-        parameters={
-            "radius": radius,
-            "f_max": f_max,
-            "profile": profile,
-            "decay": decay,
-            "load": load,
-            "level": level,
-            "steps": steps,
-            "linear_solver": linear_solver,
-            "cell": asdict(cell),
-        },
-        figures={
-            **_counts(body),
-            "dofs": (solver.newton.pattern.size, ""),
-            "level": (level, _unit(load)),
-            "reached": (records[-1].level, _unit(load)),
-            "reason": (reason, ""),
-            "lowest_stiffness": (stiffness, "N/m"),
-            **_path(body, records, load),
-            **_radial(body, records),
-            "factorisations": (solver.newton.factorisations, ""),
-            "linear_solver": (solver.newton.choice.backend, ""),
-            "linear_solver_reason": (solver.newton.choice.reason, ""),
-            "seconds": (seconds, "s"),
-            "peak_memory": (peak_memory(), "B"),
-        },
-    )
-    if plots:
-        from workflows.runs.spheroid_figures import draw_spheroid
-
-        draw_spheroid(out, body, records, load)
-    return summary
-
-
-def _unit(load: str) -> str:
-    return "Pa" if load == "pressure" else "1"
-
-
-def _solver(body: Spheroid, load: str, linear_solver: str) -> EquilibriumSolver:
-    """A solver of the free body under pressure, or of the one whose surface is prescribed."""
-    options = NewtonOptions(max_iterations=25, smallest_part=1.0 / 16.0, linear_solver=linear_solver)
-    fixed = np.zeros(body.structure.nodes.shape, dtype=bool)
-    if load == "pressure":
-        border = rigid_border(body.structure)
-        return EquilibriumSolver(body.structure, fixed=fixed, border=border, surface=body.surface, options=options)
-    fixed[body.surface.nodes] = True
-    return EquilibriumSolver(body.structure, fixed=fixed, options=options)
-
-
-def _advance(
-    solver: EquilibriumSolver, body: Spheroid, load: str, levels: tuple[float, float]
-) -> tuple[tuple[float, Equilibrium] | None, str]:
-    """Go from one level to the next: the level reached with its equilibrium, if any is new, and why it was lost."""
-    start, goal = levels
-    done = [0.0]
-    try:
-        if load == "pressure":
-            return (goal, solver.solve(pressure=goal, stable=True, progress=done.append)), ""
-        centred = body.structure.nodes - body.structure.nodes.mean(axis=0)
-        moved = np.zeros_like(centred)
-        moved[body.surface.nodes] = -goal * centred[body.surface.nodes]
-        return (goal, solver.solve(displacement=moved, stable=True, progress=done.append)), ""
-    except ConvergenceError as error:
-        lost = str(error)
-    if done[-1] == 0.0:
-        return None, lost
-    try:  # the last equilibrium on the way, if it is stable
-        return (start + done[-1] * (goal - start), solver.solve(stable=True)), lost
-    except ConvergenceError:
-        return None, lost
+    if not (np.isfinite(f_max) and f_max > 0.0):
+        raise InputError(f"f_max: expected a positive force in N, got {f_max}")
+    return level
 
 
 def _counts(body: Spheroid) -> dict[str, tuple[Any, str]]:
@@ -186,37 +150,31 @@ def _counts(body: Spheroid) -> dict[str, tuple[Any, str]]:
     return {name: (number, "") for name, number in numbers.items()}
 
 
-def _path(body: Spheroid, records: list[Record], load: str) -> dict[str, tuple[Any, str]]:
+def _path(result: Compression) -> dict[str, tuple[Any, str]]:
     """How the equilibrium went from level to level."""
-    tendons = ~body.structure.bars
+    records, tendons = result.records, ~result.body.structure.bars
     states = [record.state for record in records]
     last = states[-1]
     return {
-        "level_history": ([record.level for record in records], _unit(load)),
+        "level_history": ([record.level for record in records], LOADS[result.load]),
         "residual_history": ([state.residual for state in states], "mean member force"),
         "iterations_history": ([state.iterations for state in states], ""),
         "load_steps_history": ([state.load_steps for state in states], ""),
         "negative_pivots_history": ([state.negative_pivots for state in states], ""),
         "most_negative_pivots": (max((i.negative_pivots for s in states for i in s.history), default=0), ""),
         "slack_tendons": (last.slack, ""),
-        "compressed_tendons": (int((last.members.force[tendons] < 0.0).sum()), ""),
+        "compressed_tendons": (compressed_tendons(result.body.structure, last.members), ""),
         "lowest_tendon_force": (float(last.members.force[tendons].min()), "N"),
         "support_force": (float(np.abs(last.reaction).max() / np.abs(last.members.force).mean()), "mean member force"),
         "volume_history": ([record.volume for record in records], "m^3"),
         "volume_change": (records[-1].volume / records[0].volume - 1.0, "1"),
-        "equivalent_pressure_history": ([_mean_pressure(record) for record in records], "Pa"),
+        "equivalent_pressure_history": ([record.mean_pressure for record in records], "Pa"),
     }
 
 
-def _mean_pressure(record: Record) -> float:
-    """-tr / 3 of the mean Cauchy stress over the enclosed volume; under a pressure that pressure itself."""
-    members = record.state.members
-    return float(-(members.force * members.length).sum() / (3.0 * record.volume))
-
-
-def _radial(body: Spheroid, records: list[Record]) -> dict[str, tuple[Any, str]]:
+def _radial(result: Compression) -> dict[str, tuple[Any, str]]:
     """Radial stress: profiles, and whether its compression rises towards the core."""
-    before, last = records[0].stress, records[-1].stress
+    before, last = result.records[0].stress, result.records[-1].stress
     figures: dict[str, tuple[Any, str]] = {}
     for name, values in (
         ("sigma_rr", last.cauchy),
@@ -226,24 +184,25 @@ def _radial(body: Spheroid, records: list[Record]) -> dict[str, tuple[Any, str]]
         ("sigma_rr_halves", last.halves),
         ("sigma_rr_halves_before", before.halves),
     ):
-        profile = radial_profile(body.r, values, shells=body.shells)
+        profile = result.body.profile(values)
         figures[name] = ({"mean": profile.mean, "std": profile.std}, "Pa")
         figures["r_over_R"], figures["blocks_in_shell"] = (profile.r, "1"), (profile.count, "")
-    shells = [radial_profile(body.r, record.stress.cauchy, shells=body.shells).mean for record in records[1:]]
+    shells = [result.body.profile(record.stress.cauchy).mean for record in result.records[1:]]
+    ratios = result.core_over_rim()
     rises = [bool((np.diff(mean) > 0.0).all()) for mean in shells]
     return figures | {
         "sigma_rr_largest": (float(np.abs(last.cauchy).max()), "Pa"),
         "rises_to_core": (rises[-1] if rises else None, ""),
         "rises_to_core_history": (rises, ""),
-        "core_over_rim": (core_over_rim(body.r, last.cauchy) if len(records) > 1 else None, "1"),
-        "core_over_rim_history": ([core_over_rim(body.r, record.stress.cauchy) for record in records[1:]], "1"),
-        "core_over_rim_halves_history": ([core_over_rim(body.r, record.stress.halves) for record in records[1:]], "1"),
+        "core_over_rim": (ratios[-1] if ratios else None, "1"),
+        "core_over_rim_history": (ratios, "1"),
+        "core_over_rim_halves_history": (result.core_over_rim("halves"), "1"),
     }
 
 
-def _write_blocks(path: Path, body: Spheroid, records: list[Record]) -> None:
+def _write_blocks(path: Path, result: Compression) -> None:
     """One line a block: where it is, its bar force, and its radial stress before and after."""
-    before, last = records[0].stress, records[-1].stress
+    body, before, last = result.body, result.records[0].stress, result.records[-1].stress
     columns = {
         "x_m": last.midpoint[:, 0],
         "y_m": last.midpoint[:, 1],

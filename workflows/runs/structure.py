@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from tsg_micro.cells.lattice import box_cells, lattice, spheroid_cells
-from tsg_micro.cells.parameters import CellParameters
 from tsg_micro.cells.prestress import force_density_of_cells, prestressed, self_stress_counts
 from tsg_micro.cells.structure import equilibrium_matrix
+from tsg_micro.cells.tissue import Tissue
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from tsg_micro.equilibrium.members import MemberSystem
@@ -25,8 +25,7 @@ def structure(
     cells: tuple[int, int, int] | None = None,
     shape: str = "box",
     radius: float | None = None,
-    bar_force: float = 1e-8,
-    half_diagonal: float = 0.5,
+    tissue: Tissue | None = None,
     plots: bool = True,
 ) -> dict[str, Any]:
     """Build a box of cells, or a spheroid of 2x2x2 blocks; figures and a ParaView file go to ``out``.
@@ -40,12 +39,12 @@ def structure(
         raise InputError("shape spheroid: expected --radius in blocks, and no --cells")
     if shape == "box" and (cells is None or radius is not None):
         raise InputError("shape box: expected --cells NX NY NZ, and no --radius")
-    parameters = CellParameters(half_diagonal=half_diagonal)
+    tissue = tissue or Tissue()
     where = spheroid_cells(radius) if radius is not None else box_cells(*(cells or (1, 1, 1)))
-    built = prestressed(lattice(where, parameters), parameters, bar_force)
+    built = prestressed(lattice(where, tissue.cell), tissue.cell, tissue.bar_force)
     out = output_folder(out)
-    q = force_density_of_cells(built, parameters, bar_force)
-    residual = float(np.abs(equilibrium_matrix(built) @ q).max() / bar_force)
+    q = force_density_of_cells(built, tissue.cell, tissue.bar_force)
+    residual = float(np.abs(equilibrium_matrix(built) @ q).max() / tissue.bar_force)
     states, mechanisms, method = self_stress_counts(built)
     summary = write_summary(
         out,
@@ -54,8 +53,8 @@ def structure(
             "shape": shape,
             "cells": cells,
             "radius": radius,
-            "bar_force": bar_force,
-            "half_diagonal": half_diagonal,
+            "bar_force": tissue.bar_force,
+            "half_diagonal": tissue.cell.half_diagonal,
         },
         figures={
             "nodes": (len(built.nodes), ""),
@@ -70,7 +69,7 @@ def structure(
         },
     )
     if plots:
-        from tsg_micro.figures.sheet import save_figure
+        from tsg_micro.data.figure_style import save_figure
         from tsg_micro.figures.space import plot_structure
         from tsg_micro.figures.vtu import write_vtu
 

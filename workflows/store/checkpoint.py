@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
@@ -22,7 +22,15 @@ from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import atomic_path
 from workflows.store.record import versions
 
-__all__ = ["Checkpoint", "LoadStep", "fingerprint", "read_checkpoint", "remove_checkpoint", "write_checkpoint"]
+__all__ = [
+    "Checkpoint",
+    "LoadStep",
+    "fingerprint",
+    "latest_checkpoint",
+    "read_checkpoint",
+    "remove_checkpoint",
+    "write_checkpoint",
+]
 
 Array = NDArray[np.float64]
 
@@ -102,6 +110,16 @@ def read_checkpoint(path: Path, run: str, shape: tuple[int, ...]) -> Checkpoint:
     if not sound:
         raise InputError(f"{path.name} is damaged")
     return Checkpoint(displacement, tuple(LoadStep(*row) for row in rows.tolist()))
+
+
+def latest_checkpoint(path: Path, run: str, shape: tuple[int, ...], say: Callable[[str], None]) -> Checkpoint:
+    """Where the run with fingerprint ``run`` begins: at its checkpoint, or at rest where there is none of it."""
+    if path.exists():
+        try:
+            return read_checkpoint(path, run, shape)
+        except InputError as error:
+            say(f"{error}: starting from the beginning")
+    return Checkpoint(np.zeros(shape))
 
 
 def remove_checkpoint(path: Path) -> None:

@@ -156,7 +156,8 @@ def frontier(
         },
     )
     if plots:
-        from workflows.studies.frontier_figure import plot_frontier, save_figure
+        from tsg_micro.data.figure_style import save_figure
+        from workflows.studies.frontier_figure import plot_frontier
 
         save_figure(plot_frontier(rows, full["seconds"], summary), out / "frontier.png")
     return summary

@@ -129,7 +129,7 @@ def _draw(out: Path, curves: dict[str, tuple[tuple[Array, Array], tuple[Array, A
     """Differences of positions and forces, step by step."""
     import matplotlib as mpl
 
-    from tsg_micro.figures.sheet import STYLE, new_figure, save_figure
+    from tsg_micro.data.figure_style import STYLE, new_figure, save_figure
 
     with mpl.rc_context(STYLE):
         figure = new_figure(12, 4.6)

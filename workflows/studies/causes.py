@@ -88,7 +88,8 @@ def causes(study: Study, *, plots: bool = True) -> dict[str, Any]:
         },
     )
     if plots:
-        from workflows.studies.causes_figure import plot_causes, save_figure
+        from tsg_micro.data.figure_style import save_figure
+        from workflows.studies.causes_figure import plot_causes
 
         save_figure(plot_causes(rows, SYMBOLS[load]), out / "causes.png")
     return summary

@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
-from tsg_micro.figures.sheet import STYLE, new_figure, save_figure
+from tsg_micro.data.figure_style import STYLE, new_figure
 
-__all__ = ["plot_causes", "save_figure"]
+__all__ = ["plot_causes"]
 
 
 def plot_causes(rows: Sequence[Mapping[str, Any]], symbol: str) -> Figure:

@@ -115,7 +115,8 @@ def convergence(
         },
     )
     if plots:
-        from workflows.studies.convergence_figure import plot_grid, save_figure
+        from tsg_micro.data.figure_style import save_figure
+        from workflows.studies.convergence_figure import plot_grid
 
         save_figure(plot_grid(rows), out / "convergence.png")
     return summary

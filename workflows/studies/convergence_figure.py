@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from tsg_micro.figures.sheet import STYLE, new_figure, save_figure
+from tsg_micro.data.figure_style import STYLE, new_figure
 
-__all__ = ["plot_grid", "save_figure"]
+__all__ = ["plot_grid"]
 
 _MARKS = {
     "fixed point": "",

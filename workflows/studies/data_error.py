@@ -124,7 +124,8 @@ def data_error(
         },
     )
     if plots:
-        from workflows.studies.data_error_figure import plot_data_error, save_figure
+        from tsg_micro.data.figure_style import save_figure
+        from workflows.studies.data_error_figure import plot_data_error
 
         save_figure(plot_data_error(summary), out / "data_error.png")
     return summary

@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from tsg_micro.figures.sheet import STYLE, new_figure, save_figure
+from tsg_micro.data.figure_style import STYLE, new_figure
 
-__all__ = ["plot_data_error", "save_figure"]
+__all__ = ["plot_data_error"]
 
 _COLOURS = ("#c8553d", "#20639b", "#3caea3")
 _MARKERS = "osD^v"

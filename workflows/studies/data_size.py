@@ -96,7 +96,8 @@ def data_size(study: Study, *, count: int = 16, draws: int = 10, plots: bool = T
         },
     )
     if plots:
-        from workflows.studies.data_size_figure import plot_data_size, save_figure
+        from tsg_micro.data.figure_style import save_figure
+        from workflows.studies.data_size_figure import plot_data_size
 
         save_figure(plot_data_size(summary), out / "data_size.png")
     return summary

@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from tsg_micro.figures.sheet import STYLE, new_figure, save_figure
+from tsg_micro.data.figure_style import STYLE, new_figure
 
-__all__ = ["plot_data_size", "save_figure"]
+__all__ = ["plot_data_size"]
 
 _MECHANICAL, _MATERIAL = "#20639b", "#c8553d"
 

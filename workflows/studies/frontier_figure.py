@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
-from tsg_micro.figures.sheet import STYLE, new_figure, save_figure
+from tsg_micro.data.figure_style import STYLE, new_figure
 
-__all__ = ["plot_frontier", "save_figure"]
+__all__ = ["plot_frontier"]
 
 _COLOURS = ("#222222", "#20639b", "#3caea3", "#7a5195", "#c8553d", "#ed9b40", "#8c6d31", "#999999", "#d62f8a")
 _MARKERS = "Xosdv^P*D"

@@ -82,7 +82,8 @@ def metric(
         },
     )
     if plots:
-        from workflows.studies.metric_figure import plot_metric, save_figure
+        from tsg_micro.data.figure_style import save_figure
+        from workflows.studies.metric_figure import plot_metric
 
         save_figure(plot_metric(summary), out / "metric.png")
     return summary

@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
-from tsg_micro.figures.sheet import STYLE, new_figure, save_figure
+from tsg_micro.data.figure_style import STYLE, new_figure
 
-__all__ = ["plot_metric", "save_figure"]
+__all__ = ["plot_metric"]
 
 _COLOURS = {"classical": ("#c8553d", "#ed9b40"), "second order": ("#20639b", "#3caea3")}
 

@@ -79,11 +79,12 @@ class Chain:
 
     def dns(self, stages: Stages, load: str, say: Callable[[str], None], *, flat: bool = True) -> Path:
         """The folder of the full tensegrity; computed unless it is there."""
+        from tsg_micro.cells.tissue import Tissue
         from workflows.runs.dns import dns
 
-        scene: dict[str, Any] = {"blocks": self.blocks, "load": load, "strain": self.strain}
-        scene |= {"bar_force": self.bar_force, "flat": flat}
-        return stages.run(f"dns-{load}" + "-free" * (not flat), scene, lambda out: dns(out, say=say, **scene))
+        scene: dict[str, Any] = {"blocks": self.blocks, "load": load, "strain": self.strain, "flat": flat}
+        run = partial(dns, **scene, tissue=Tissue(bar_force=self.bar_force), say=say)
+        return stages.run(f"dns-{load}" + "-free" * (not flat), {**scene, "bar_force": self.bar_force}, run)
 
     def fe2(self, stages: Stages, scene: Scene, say: Callable[[str], None]) -> Path:
         """The folder of FE2 of this scene; computed unless it is there."""

@@ -214,7 +214,7 @@ def _named(found: Sizes, values: Array) -> dict[str, dict[str, Any]]:
 
 def _draw(out: Path, found: Sizes, buckled: Mapping[str, Any]) -> None:
     """The figures."""
-    from tsg_micro.figures.sheet import save_figure
+    from tsg_micro.data.figure_style import save_figure
     from workflows.studies import rve_size_figures as plot
 
     names, forces = list(LOADINGS), found.bar_forces

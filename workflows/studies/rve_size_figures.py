@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FormatStrFormatter, LogLocator, NullFormatter, ScalarFormatter
 from numpy.typing import NDArray
 
-from tsg_micro.figures.sheet import STYLE, new_figure
+from tsg_micro.data.figure_style import STYLE, new_figure, tidy
 
 __all__ = ["plot_buckling", "plot_energies", "plot_errors"]
 
@@ -146,8 +146,7 @@ def _sizes(axes: Axes, sizes: Sequence[int]) -> None:
     axes.xaxis.set_major_formatter(ScalarFormatter())
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.xaxis.set_minor_locator(FixedLocator([]))
-    axes.grid(color="0.92", linewidth=0.8)
-    axes.spines[["top", "right"]].set_visible(False)
+    tidy(axes)
 
 
 def _legend(figure: Figure, loadings: Sequence[str], bar_forces: Sequence[float], *, images: bool = False) -> None:

@@ -187,7 +187,7 @@ def _by_component(values: Array) -> dict[str, float]:
 
 def _draw(out: Path, studies: dict[str, _Study]) -> None:
     """The figures."""
-    from tsg_micro.figures.sheet import save_figure
+    from tsg_micro.data.figure_style import save_figure
     from workflows.studies import sampling_figures as plot
 
     save_figure(plot.plot_paths({load: study.dataset for load, study in studies.items()}), out / "pq_paths.png")

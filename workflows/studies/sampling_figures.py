@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from tsg_micro.continuum.sampling import StrainBox
 from tsg_micro.data.dataset import Dataset
+from tsg_micro.data.figure_style import STYLE, new_figure, tidy
 from tsg_micro.data.mandel import COMPONENTS, pressure, von_mises
-from tsg_micro.figures.sheet import STYLE, new_figure
 from workflows.studies.coverage import BoxCoverage
 
 __all__ = ["plot_coverage", "plot_paths", "plot_visited"]
@@ -183,8 +183,7 @@ def _outline(axes: Axes, box: StrainBox) -> None:
 
 def _plain(axes: Axes) -> None:
     axes.set_axisbelow(True)
-    axes.grid(color="0.92", linewidth=0.8)
-    axes.spines[["top", "right"]].set_visible(False)
+    tidy(axes)
 
 
 def _words(stress_measure: str) -> str:

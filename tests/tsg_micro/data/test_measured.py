@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from tsg_micro.data.dataset import read_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import COMPONENTS, from_mandel, to_mandel
-from tsg_micro.data.measured import STRAIN_UNITS, STRESS_UNITS, Column, read_csv
-from workflows.runs.import_csv import import_csv, parse_columns
+from tsg_micro.data.measured import STRAIN_UNITS, STRESS_UNITS, Column, parse_columns, read_csv
+from workflows.runs.import_csv import import_csv
 
 PLANE = {
     "eps_xx": Column("exx", "%"),

@@ -12,9 +12,10 @@ from tsg_micro.cells.parameters import CellParameters
 from tsg_micro.cells.prestress import prestressed
 from tsg_micro.cells.structure import from_arrays
 from tsg_micro.data.errors import InputError
+from tsg_micro.data.figure_style import save_figure
 from tsg_micro.equilibrium.members import MemberSystem
 from tsg_micro.figures.data import plot_blocks, plot_curve
-from tsg_micro.figures.sheet import plot_sheet, save_figure
+from tsg_micro.figures.sheet import plot_sheet
 from tsg_micro.figures.vtu import write_vtu
 
 PARAMETERS = CellParameters()

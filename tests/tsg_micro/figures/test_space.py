@@ -13,8 +13,9 @@ from tsg_micro.cells.lattice import box_cells, lattice
 from tsg_micro.cells.parameters import CellParameters
 from tsg_micro.cells.structure import from_arrays
 from tsg_micro.data.errors import InputError
+from tsg_micro.data.figure_style import save_figure
 from tsg_micro.data.series import write_pvd
-from tsg_micro.figures.sheet import FORCE, save_figure
+from tsg_micro.figures.sheet import FORCE
 from tsg_micro.figures.space import View, choose_renderer, plot_structure, plot_views
 
 PARAMETERS = CellParameters()

@@ -7,10 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 
+from tsg_micro.bodies.curve_fit import PARAMETERS, Model, fit_curve
 from tsg_micro.cells.parameters import CellParameters
-from workflows.runs.calibrate import PARAMETERS, Model, fit_curve, parameter_names
+from tsg_micro.cells.tissue import Tissue
+from workflows.runs.calibrate import parameter_names
 
-TRUTH = Model("cell", CellParameters(E_tendon=6e6), bar_force=4e-9)
+TRUTH = Model("cell", Tissue(CellParameters(E_tendon=6e6), 4e-9))
 
 
 def curve(model, loads, noise, seed):
@@ -71,9 +73,9 @@ def test_intervals_cover_the_truth():
     inside = 0
     for seed in range(12):
         force, depth = curve(TRUTH, loads, 20e-9, seed=100 + seed)
-        model = dataclasses.replace(TRUTH, bar_force=5e-9)
+        model = dataclasses.replace(TRUTH, tissue=dataclasses.replace(TRUTH.tissue, bar_force=5e-9))
         low, high = fit_curve(model, ("bar_force",), force, depth).interval[0]
-        inside += bool(low < TRUTH.bar_force < high)
+        inside += bool(low < TRUTH.tissue.bar_force < high)
         assert high < 2.0 * low
     assert inside >= 9
 
@@ -90,15 +92,15 @@ def test_warnings_of_what_the_data_cannot_tell():
 
 
 def test_half_diagonal_from_exact_data():
-    truth = Model("cell", CellParameters(half_diagonal=0.42), bar_force=5e-9)
+    truth = Model("cell", Tissue(CellParameters(half_diagonal=0.42), 5e-9))
     force, depth = curve(truth, np.linspace(0.2e-9, 3e-9, 8), 0.0, seed=1)
-    fit = fit_curve(dataclasses.replace(truth, parameters=CellParameters()), ("half_diagonal",), force, depth)
+    fit = fit_curve(dataclasses.replace(truth, tissue=Tissue(bar_force=5e-9)), ("half_diagonal",), force, depth)
     assert fit.values[0] == pytest.approx(0.42, rel=1e-3)
     assert fit.rms < 1e-3 * depth.max()
 
 
 def test_monolayer(tsgdd, read_summary, tmp_path):
-    truth = Model("monolayer", CellParameters(), bar_force=2e-8, blocks=(2, 1))
+    truth = Model("monolayer", Tissue(bar_force=2e-8), blocks=(2, 1))
     strain, stress = curve(truth, np.linspace(0.03, 0.24, 6), 2.0, seed=4)
     path = tmp_path / "sheet.csv"
     path.write_text(

@@ -12,14 +12,16 @@ import h5py
 import numpy as np
 import pytest
 
+from tsg_micro.bodies.sheet import Sheet, memory_needed
+from tsg_micro.cells.tissue import Tissue
 from tsg_micro.data.dataset import read_dataset
-from workflows.runs.dns import dns, memory_needed
+from workflows.runs.dns import dns
 
 SCENE: dict[str, Any] = {
     "blocks": (2, 1),
     "load": "stretch",
     "strain": 0.04,
-    "bar_force": 1e-8,
+    "tissue": Tissue(),
     "steps": 2,
     "plots": False,
 }
@@ -121,7 +123,14 @@ def test_a_finished_run_is_computed_again(stretch, tmp_path):
 
 @pytest.mark.parametrize(
     "change",
-    [{"strain": 0.03}, {"load": "shear"}, {"bar_force": 2e-8}, {"steps": 3}, {"blocks": (1, 2)}, {"blocks": (1, 1)}],
+    [
+        {"strain": 0.03},
+        {"load": "shear"},
+        {"tissue": Tissue(bar_force=2e-8)},
+        {"steps": 3},
+        {"blocks": (1, 2)},
+        {"blocks": (1, 1)},
+    ],
     ids=str,
 )
 def test_other_parameters_start_anew(change, begun, stretch, tmp_path):
@@ -214,6 +223,6 @@ def test_the_estimate_of_memory_is_what_a_run_takes(launch, read_summary, tmp_pa
     assert done.code == 0, done.err
     summary = read_summary(tmp_path)
     # of a small run the libraries are the larger part, and they differ
-    assert 0.5 < memory_needed((10, 5), summary["linear_solver"]) / summary["peak_memory"] < 2.0
+    assert 0.5 < memory_needed(Sheet((10, 5)).unknowns, summary["linear_solver"]) / summary["peak_memory"] < 2.0
     # the sheet of the paper: 2.4 GB were measured in stretch, and 0.6 GB are for the modes of one that buckles
-    assert memory_needed((60, 30), "pardiso") == pytest.approx(3.0e9, rel=0.05)
+    assert memory_needed(Sheet((60, 30)).unknowns, "pardiso") == pytest.approx(3.0e9, rel=0.05)

@@ -1,4 +1,4 @@
-"""The figure of ``tsgdd calibrate``: measured points, the fitted curve, and what is left between them."""
+"""The figure of a fit: measured points, the fitted curve, and what is left between them."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
-from tsg_micro.figures.sheet import STYLE, new_figure, save_figure
-from workflows.runs.calibrate import PARAMETERS, Fit
-from workflows.runs.cell_figures import tidy
+from tsg_micro.bodies.curve_fit import PARAMETERS, Fit
+from tsg_micro.data.figure_style import STYLE, new_figure, save_figure, tidy
 
 __all__ = ["draw_fit"]
 

@@ -1,10 +1,9 @@
-"""Figures and ParaView files of ``tsgdd spheroid`` (paper, Section 3.3)."""
+"""Figures and ParaView files of a compressed spheroid (paper, Section 3.3)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import numpy as np
@@ -16,43 +15,37 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 from numpy.typing import NDArray
 
-from tsg_micro.continuum.radial_profiles import core_over_rim, radial_profile
-from tsg_micro.data.series import write_pvd
-from tsg_micro.figures.sheet import MICRO, STYLE, new_figure, save_figure
+from tsg_micro.bodies.spheroid import Compression, Spheroid, SpheroidState
+from tsg_micro.data.figure_style import MICRO, STYLE, new_figure, save_figure, tidy
 from tsg_micro.figures.space import View, plot_views
-from tsg_micro.figures.vtu import write_vtu
-from workflows.experiments import published
-from workflows.runs.cell_figures import tidy
-
-if TYPE_CHECKING:
-    from tsg_micro.bodies.spheroid import Record, Spheroid
+from tsg_micro.figures.vtu import VtuSeries
 
 __all__ = ["draw_spheroid"]
 
 Array = NDArray[np.float64]
+Seen = tuple[str, float, float]
+"""Who measured, and the least and largest stress of the core over that of the surface."""
 
 _BLUE, _ORANGE, _GREEN, _GREY = "#0072b2", "#d55e00", "#009e73", "0.35"
 
 
-def draw_spheroid(out: Path, body: Spheroid, records: Sequence[Record], load: str) -> None:
+def draw_spheroid(out: Path, result: Compression, seen: Seen) -> None:
     """All figures, a VTU file of the members at each level, and spheroid.pvd, whose time is the number of the level."""
-    (out / "steps").mkdir(exist_ok=True)
-    files: list[tuple[float, str | Path]] = []
+    body, records = result.body, result.records
+    series = VtuSeries(out / "spheroid.pvd")
     for step, record in enumerate(records):
-        name = f"steps/{step:03d}.vtu"
-        write_vtu(out / name, body.structure, record.state.displacement, record.state.members)
-        files.append((float(step), name))
-    write_pvd(out / "spheroid.pvd", files)
+        series.add(step, body.structure, record.state)
+    series.close()
     save_figure(_bar_force(body), out / "bar_force.png")
     if len(records) > 1:
-        save_figure(_profile(body, records), out / "radial_stress.png")
+        save_figure(_profile(body, records, seen), out / "radial_stress.png")
         save_figure(_slice(body, records[-1]), out / "slice.png")
-        save_figure(_levels(body, records, load), out / "levels.png")
+        save_figure(_levels(result), out / "levels.png")
     save_figure(_voxels(body, records[-1]), out / "blocks.png")
     last = records[-1]
     views = [
         View("before", None, records[0].state.members.force),
-        View(f"after: {_text(last.level, load)}", last.state.displacement, last.state.members.force),
+        View(f"after: {_text(last.level, result.load)}", last.state.displacement, last.state.members.force),
     ]
     save_figure(plot_views(body.structure, views[: len(records)], width=6.0), out / "body.png")
 
@@ -76,7 +69,7 @@ def _bar_force(body: Spheroid) -> Figure:
 
 
 def _curve(axes: Axes, body: Spheroid, values: Array, colour: str, style: str, label: str) -> None:
-    profile = radial_profile(body.r, values, shells=body.shells)
+    profile = body.profile(values)
     axes.errorbar(
         profile.r,
         profile.mean,
@@ -90,7 +83,7 @@ def _curve(axes: Axes, body: Spheroid, values: Array, colour: str, style: str, l
     )
 
 
-def _profile(body: Spheroid, records: Sequence[Record]) -> Figure:
+def _profile(body: Spheroid, records: Sequence[SpheroidState], seen: Seen) -> Figure:
     """Normalised radial stress over the radius, and the stress itself before, after, and by how it is counted."""
     before, after = records[0].stress, records[-1].stress
     largest = np.abs(after.cauchy).max()
@@ -100,11 +93,10 @@ def _profile(body: Spheroid, records: Sequence[Record]) -> Figure:
         left.scatter(body.r, np.abs(after.cauchy) / largest, s=14, color="0.7", linewidths=0, label="blocks, after")
         _curve(left, body, np.abs(after.cauchy) / largest, _BLUE, "o-", "mean and scatter, after")
         _curve(left, body, np.abs(before.cauchy) / largest, _GREY, "s--", "before (prestress alone)")
-        seen = published("dolega_2017")["core_over_surface"]
-        left.plot(
-            [0.985, 0.985], [1.0 / seen.high, 1.0 / seen.low], color=_ORANGE, linewidth=6, solid_capstyle="butt",
-            label=f"{seen.label}: surface over core,\n1/{seen.high:g} to 1/{seen.low:g} at 5 kPa (as a review reports)",
-        )  # fmt: skip
+        source, low, high = seen
+        label = f"{source}: surface over core,\n1/{high:g} to 1/{low:g} at 5 kPa (as a review reports)"
+        ends = [1.0 / high, 1.0 / low]
+        left.plot([0.985, 0.985], ends, color=_ORANGE, linewidth=6, solid_capstyle="butt", label=label)
         left.set(xlim=(0.0, 1.02), ylim=(-0.03, 1.05), xlabel="$r/R$")
         left.set_ylabel(r"$|\sigma_{rr}|\,/\,\max|\sigma_{rr}|$ (Cauchy)")
         _curve(right, body, after.cauchy, _BLUE, "o-", "Cauchy, after")
@@ -119,7 +111,7 @@ def _profile(body: Spheroid, records: Sequence[Record]) -> Figure:
     return figure
 
 
-def _slice(body: Spheroid, record: Record) -> Figure:
+def _slice(body: Spheroid, record: SpheroidState) -> Figure:
     """Radial stress and bar force of the layer of blocks above the middle plane, each where it is now."""
     blocks = body.structure.blocks
     layer = blocks[:, 2] == (blocks[:, 2].min() + blocks[:, 2].max() + 1) // 2
@@ -144,9 +136,10 @@ def _slice(body: Spheroid, record: Record) -> Figure:
     return figure
 
 
-def _levels(body: Spheroid, records: Sequence[Record], load: str) -> Figure:
+def _levels(result: Compression) -> Figure:
     """How the volume and the rise towards the core follow the load."""
-    scale, unit = (1.0, "pressure / Pa") if load == "pressure" else (100.0, "displacement of the surface / %")
+    pressure, records = result.load == "pressure", result.records
+    scale, unit = (1.0, "pressure / Pa") if pressure else (100.0, "displacement of the surface / %")
     levels = scale * np.array([record.level for record in records])
     volume = 100.0 * (np.array([record.volume for record in records]) / records[0].volume - 1.0)
     with mpl.rc_context(STYLE):
@@ -158,8 +151,8 @@ def _levels(body: Spheroid, records: Sequence[Record], load: str) -> Figure:
             ("cauchy", _BLUE, "o-", "each cell its own prestress"),
             ("halves", _ORANGE, "s--", "shared tendons halved"),
         ):
-            ratio = [core_over_rim(body.r, getattr(record.stress, name)) for record in records[1:]]
-            right.plot(levels[1:], np.array(ratio, dtype=float), style, color=colour, label=label)
+            ratio = np.array(result.core_over_rim(name), dtype=float)
+            right.plot(levels[1:], ratio, style, color=colour, label=label)
         right.axhline(1.0, color="0.5", linewidth=0.8)
         right.set_ylabel(r"$\sigma_{rr}$, core over rim")
         right.legend(frameon=False, fontsize=11)
@@ -169,7 +162,7 @@ def _levels(body: Spheroid, records: Sequence[Record], load: str) -> Figure:
     return figure
 
 
-def _voxels(body: Spheroid, record: Record) -> Figure:
+def _voxels(body: Spheroid, record: SpheroidState) -> Figure:
     """The blocks as cubes, an eighth taken out, coloured by normalised radial stress (or bar force, without a load)."""
     loaded = record.level > 0.0
     values = np.abs(record.stress.cauchy) if loaded else body.bar_force

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsg_micro.data.errors import InputError
-from tsg_micro.data.measured import STRAIN_UNITS, STRESS_UNITS, Column, read_headers, read_numbers
-from workflows.runs.import_csv import parse_columns
+from tsg_micro.data.measured import STRAIN_UNITS, STRESS_UNITS, Column, parse_columns, read_headers, read_numbers
 
 __all__ = ["CURVES", "read_curve"]
 

@@ -1,0 +1,153 @@
+"""One look for the figures of both scales, and what all of them draw with; nothing but figures imports it.
+
+Lengths in m, stresses in Pa go in; a Matplotlib figure that needs no display comes out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
+
+from tsg_micro.data.errors import InputError
+from tsg_micro.data.files import atomic_path
+
+__all__ = [
+    "FIELD",
+    "MICRO",
+    "STYLE",
+    "aspect_ratio",
+    "colour_bar",
+    "draw_field",
+    "finite",
+    "label_maps",
+    "limits",
+    "new_figure",
+    "plot_maps",
+    "save_figure",
+    "shades",
+    "tidy",
+]
+
+Array = NDArray[np.float64]
+
+STYLE = {"font.size": 13, "axes.titlesize": 14, "axes.linewidth": 0.8, "savefig.dpi": 200}
+MICRO = 1e6
+FIELD = "viridis"
+"""Colours of a field, and of curves that have an order."""
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure, sizes in inches."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)  # no display, whatever backend is set
+    return figure
+
+
+def save_figure(figure: Figure, path: str | Path) -> None:
+    """Write the figure, whole or not at all; the suffix chooses the format.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    with atomic_path(path) as temporary, mpl.rc_context(STYLE):
+        figure.savefig(temporary)
+
+
+def tidy(axes: Axes) -> None:
+    """The look that curves share."""
+    axes.grid(color="0.92", linewidth=0.8)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def shades(count: int) -> list[tuple[float, float, float, float]]:
+    """Colours from dark to light for curves that have an order."""
+    return [tuple(colour) for colour in mpl.colormaps[FIELD](np.linspace(0.0, 0.85, count))]
+
+
+def finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """``values`` as an array; InputError where it has another shape or NaN."""
+    array = np.asarray(values, dtype=float)
+    if array.shape != shape or array.size == 0 or not np.isfinite(array).all():
+        raise InputError(f"{name}: expected finite numbers of shape {shape}, got shape {array.shape} or NaN")
+    return array
+
+
+def limits(fields: Sequence[Array]) -> tuple[float, float]:
+    """Common limits of the fields; a constant field gets some room."""
+    low, high = min(map(np.min, fields)), max(map(np.max, fields))
+    if low == high:
+        low, high = low - 0.5 * (abs(low) or 1.0), high + 0.5 * (abs(high) or 1.0)
+    return float(low), float(high)
+
+
+def aspect_ratio(outline: Array) -> float:
+    """Height over width of a map of polygons (n, corners, 2), within reason."""
+    extent = np.ptp(outline.reshape(-1, 2), axis=0)
+    return float(np.clip(extent[1] / extent[0], 0.25, 1.5))
+
+
+def draw_field(axes: Axes, outline: Array, values: Array, ends: tuple[float, float], cmap: str) -> PolyCollection:
+    """One value (n,) a polygon (n, corners, 2), in m, as a map in µm on ``axes``; colours from ``ends`` to ``ends``.
+
+    Raises:
+        InputError: values of another length, or not finite.
+    """
+    values = np.asarray(values, dtype=float)
+    if values.shape != (len(outline),) or not np.isfinite(values).all():
+        raise InputError(f"field to draw: expected {len(outline)} finite numbers, got shape {values.shape} or NaN")
+    drawn = PolyCollection(list(MICRO * outline), array=values, cmap=cmap, edgecolors="face", linewidths=0.2)
+    drawn.set_clim(*ends)
+    axes.add_collection(drawn)
+    axes.set_aspect("equal")
+    axes.autoscale_view()
+    axes.margins(0)
+    return drawn
+
+
+def colour_bar(figure: Figure, drawn: ScalarMappable, axes: Axes, label: str, extend: str = "neither") -> None:
+    """A colour bar exactly as high as its map."""
+    figure.colorbar(drawn, cax=axes.inset_axes((1.02, 0.0, 0.03, 1.0)), label=label, extend=extend)
+
+
+def label_maps(grid: Sequence[Axes], columns: int) -> None:
+    """x and y in µm at the outer sides of maps that stand in ``columns``."""
+    for i, axes in enumerate(grid):
+        if i >= len(grid) - columns:
+            axes.set_xlabel(r"$x$ / µm")
+            axes.tick_params(labelbottom=True)
+        if i % columns == 0:
+            axes.set_ylabel(r"$y$ / µm")
+
+
+def plot_maps(outline: Array, fields: Mapping[str, tuple[Array, str]], *, columns: int = 2) -> Figure:
+    """Fields per polygon, each on a scale of its own.
+
+    Args:
+        outline: polygons (n, corners, 2) in m.
+        fields: title -> (values (n,), unit); stresses in Pa.
+        columns: of panels.
+
+    Raises:
+        InputError: a field of another length, or not finite.
+    """
+    with mpl.rc_context(STYLE):
+        rows = -(-len(fields) // columns)
+        figure = new_figure(6.2 * columns, (0.9 + 4.4 * aspect_ratio(outline)) * rows)
+        grid = list(figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel())
+        for axes, (title, (values, unit)) in zip(grid, fields.items(), strict=False):
+            drawn = draw_field(axes, outline, values, limits([values]), FIELD)
+            axes.set_title(title)
+            colour_bar(figure, drawn, axes, unit)
+        for axes in grid[len(fields) :]:
+            axes.set_visible(False)
+        label_maps(grid[: len(fields)], columns)
+    return figure
