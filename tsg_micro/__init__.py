@@ -5,6 +5,8 @@ SI units throughout; strain and stress vectors are Mandel (tsg_micro.data.mandel
 """
 
 from tsg_micro.cells.lattice import box_cells, lattice, side_nodes, spheroid_cells
+from tsg_micro.cells.laws.linear import Linear, NoCompression
+from tsg_micro.cells.member_law import MemberLaw, Members, member_law
 from tsg_micro.cells.parameters import CellParameters
 from tsg_micro.cells.prestress import SelfStress, prestressed, self_stress, with_bar_force, with_force_density
 from tsg_micro.cells.structure import Structure, equilibrium_matrix, from_arrays, member_vectors
@@ -38,7 +40,11 @@ __all__ = [
     "Equilibrium",
     "EquilibriumSolver",
     "InputError",
+    "Linear",
+    "MemberLaw",
+    "Members",
     "NewtonOptions",
+    "NoCompression",
     "RVESpec",
     "RVEState",
     "SelfStress",
@@ -59,6 +65,7 @@ __all__ = [
     "join_paths",
     "kirchhoff_stress",
     "lattice",
+    "member_law",
     "member_vectors",
     "pressure",
     "prestressed",

@@ -103,16 +103,16 @@ def force_density_of_owners(structure: Structure, parameters: CellParameters, ba
 
 
 def with_force_density(structure: Structure, force_density: Array) -> Structure:
-    """``structure`` with rest lengths l0 = EA l / (EA + t0), t0 = q l: it carries q (m,), N/m, where it stands.
+    """``structure`` with the rest lengths its member law gives for t0 = q l: it carries q (m,), N/m, where it stands.
 
     Raises:
-        InputError: a compression as large as the stiffness of its member.
+        InputError: a force that its member cannot carry, as a compression as large as its stiffness.
     """
     length = np.linalg.norm(member_vectors(structure), axis=1)
-    stretched = structure.EA + force_density * length
-    if (stretched <= 0.0).any():
-        raise InputError("force_density: expected forces above -EA in every member")
-    return dataclasses.replace(structure, rest_length=structure.EA * length / stretched)
+    rest_length = structure.law.rest_length(length, force_density * length, structure.material)
+    if not (np.isfinite(rest_length) & (rest_length > 0.0)).all():
+        raise InputError("force_density: expected forces that every member can carry by its law")
+    return dataclasses.replace(structure, rest_length=rest_length)
 
 
 def prestressed(structure: Structure, parameters: CellParameters, bar_force: ArrayLike) -> Structure:

@@ -9,6 +9,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from tsg_micro.cells.laws.linear import LINEAR
+from tsg_micro.cells.member_law import MemberLaw, Members
 from tsg_micro.cells.unit_cell import BAR
 from tsg_micro.data.errors import InputError
 
@@ -29,7 +31,7 @@ class Structure:
     kind: NDArray[np.uint8]
     """Square tendon 0, edge tendon 1, bar 2 (m,)."""
     EA: NDArray[np.float64]
-    """Axial stiffness (m,), N."""
+    """Axial stiffness at rest (m,), N."""
     rest_length: NDArray[np.float64]
     """Length without force (m,), m."""
     shift: NDArray[np.int64]
@@ -48,11 +50,18 @@ class Structure:
     """Lattice indices of the 2x2x2 blocks (b, 3)."""
     node_keys: NDArray[np.int64] = dataclasses.field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
     """Exact integer position of each node (n, 3), eighths of a cell; see tsg_micro.cells.lattice."""
+    law: MemberLaw = LINEAR
+    """What the members answer to their lengths."""
 
     @property
     def bars(self) -> NDArray[np.bool_]:
         """Mask of the bars (m,)."""
         return self.kind == BAR
+
+    @property
+    def material(self) -> Members:
+        """What the members are made of, as their law asks for it."""
+        return Members(self.EA, self.bars)
 
     @property
     def volume(self) -> float:
