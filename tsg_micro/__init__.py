@@ -8,10 +8,18 @@ from tsg_micro.cells.lattice import box_cells, lattice, side_nodes, spheroid_cel
 from tsg_micro.cells.laws.linear import Linear, NoCompression
 from tsg_micro.cells.member_law import MemberLaw, Members, member_law
 from tsg_micro.cells.parameters import CellParameters
-from tsg_micro.cells.prestress import SelfStress, prestressed, self_stress, with_bar_force, with_force_density
+from tsg_micro.cells.prestress import (
+    SelfStress,
+    prestressed,
+    self_stress,
+    with_bar_force,
+    with_force_density,
+    with_self_stress,
+)
 from tsg_micro.cells.structure import Structure, equilibrium_matrix, from_arrays, member_vectors
 from tsg_micro.cells.tissue import Tissue
-from tsg_micro.cells.unit_cell import UnitCell, unit_cell
+from tsg_micro.cells.truncated_octahedron import unit_cell
+from tsg_micro.cells.unit_cell import UnitCell
 from tsg_micro.continuum.homogenise import BlockFields, block_fields, cell_gradient, kirchhoff_stress
 from tsg_micro.continuum.rve import RVE, RVEState, build_rve
 from tsg_micro.continuum.rve_spec import RVESpec
@@ -81,5 +89,6 @@ __all__ = [
     "von_mises",
     "with_bar_force",
     "with_force_density",
+    "with_self_stress",
     "write_dataset",
 ]

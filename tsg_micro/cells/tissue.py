@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
@@ -14,9 +14,14 @@ from tsg_micro.cells.member_law import MemberLaw, law_as_dict, law_from_dict
 from tsg_micro.cells.parameters import CellParameters, check_bar_force
 from tsg_micro.cells.prestress import prestressed
 from tsg_micro.cells.structure import Structure
+from tsg_micro.cells.truncated_octahedron import unit_cell
+from tsg_micro.cells.unit_cell import UnitCell
 from tsg_micro.data.errors import InputError
 
-__all__ = ["Tissue"]
+__all__ = ["UNIT_CELLS", "Tissue"]
+
+UNIT_CELLS: dict[str, Callable[[float], UnitCell]] = {"truncated-octahedron": unit_cell}
+"""Cells by name, each made from the half-diagonal r of its faces."""
 
 
 @dataclass(frozen=True)
@@ -32,9 +37,18 @@ class Tissue:
     """f_b, N."""
     law: MemberLaw = LINEAR
     """What bars and tendons answer to their lengths."""
+    unit: str = "truncated-octahedron"
+    """The cell's name among UNIT_CELLS."""
 
     def __post_init__(self) -> None:
         check_bar_force(self.bar_force, cells=1, EA_bar=self.cell.EA_bar)
+        if not isinstance(self.unit, str) or self.unit not in UNIT_CELLS:
+            raise InputError(f"tissue, unit: expected one of {', '.join(sorted(UNIT_CELLS))}, got {self.unit!r}")
+
+    @property
+    def unit_cell(self) -> UnitCell:
+        """The cell in units of half its height."""
+        return UNIT_CELLS[self.unit](self.cell.half_diagonal)
 
     @property
     def block(self) -> float:
@@ -49,7 +63,7 @@ class Tissue:
         Raises:
             InputError: as :func:`lattice`.
         """
-        return replace(lattice(cells, self.cell, periodic=periodic, images=images), law=self.law)
+        return replace(lattice(cells, self.cell, periodic=periodic, images=images, unit=self.unit_cell), law=self.law)
 
     def box(
         self,
@@ -68,7 +82,8 @@ class Tissue:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, as they are written into data sets and files; :meth:`from_dict` reads them."""
-        return {"bar_force": float(self.bar_force), "cell": asdict(self.cell), "law": law_as_dict(self.law)}
+        cell, law = asdict(self.cell), law_as_dict(self.law)
+        return {"bar_force": float(self.bar_force), "unit": self.unit, "cell": cell, "law": law}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Tissue:
@@ -87,6 +102,8 @@ class Tissue:
             given["bar_force"] = _number("tissue, bar_force", values["bar_force"])
         if "law" in values:
             given["law"] = law_from_dict(values["law"])
+        if "unit" in values:
+            given["unit"] = values["unit"]
         return cls(**given)
 
 

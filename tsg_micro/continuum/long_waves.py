@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tsg_micro.cells.structure import unit_of
 from tsg_micro.continuum.rve import RVE, RVEState, build_rve
 from tsg_micro.continuum.sampling import BOXES
 from tsg_micro.data.errors import ConvergenceError
@@ -39,7 +40,7 @@ def negative_pivots_repeated(state: RVEState, one: RVE, many: RVE) -> int:
     Some mean that the periodic state buckles with a wave that ``many`` can hold and ``one`` cannot.
     """
     a, b = one.structure, many.structure
-    span = 8 * (np.ptp(a.cells, axis=0) + 1)  # of the integer keys
+    span = unit_of(a).per_cell * (np.ptp(a.cells, axis=0) + 1)  # of the integer keys
     repeat = np.where(a.periodic, b.node_keys // span, 0)
     number = {tuple(key): i for i, key in enumerate(a.node_keys.tolist())}
     node = [number[tuple(key)] for key in (b.node_keys - repeat * span).tolist()]

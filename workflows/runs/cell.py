@@ -22,7 +22,7 @@ from tsg_micro.cells.lattice import box_cells, lattice, side_nodes
 from tsg_micro.cells.parameters import CellParameters, check_bar_force
 from tsg_micro.cells.prestress import prestressed
 from tsg_micro.cells.structure import Structure
-from tsg_micro.cells.unit_cell import unit_cell
+from tsg_micro.cells.truncated_octahedron import unit_cell
 from tsg_micro.continuum.response import face_rotation, stiffness_under_load
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.files import output_folder
