@@ -18,7 +18,7 @@ from tsg_micro.cells.truncated_octahedron import unit_cell
 from tsg_micro.cells.unit_cell import UnitCell
 from tsg_micro.data.errors import InputError
 
-__all__ = ["UNIT_CELLS", "Tissue"]
+__all__ = ["UNIT_CELLS", "Tissue", "check_names"]
 
 UNIT_CELLS: dict[str, Callable[[float], UnitCell]] = {"truncated-octahedron": unit_cell}
 """Cells by name, each made from the half-diagonal r of its faces."""
@@ -92,9 +92,9 @@ class Tissue:
         Raises:
             InputError: an unknown name, or a value that is not valid.
         """
-        _check_names("tissue", values, [one.name for one in fields(cls)])
+        check_names("tissue", values, [one.name for one in fields(cls)])
         cell = values.get("cell", {})
-        _check_names("tissue, cell", cell, [one.name for one in fields(CellParameters)])
+        check_names("tissue, cell", cell, [one.name for one in fields(CellParameters)])
         given: dict[str, Any] = {
             "cell": CellParameters(**{n: _number(f"tissue, cell, {n}", v) for n, v in cell.items()})
         }
@@ -107,7 +107,8 @@ class Tissue:
         return cls(**given)
 
 
-def _check_names(where: str, values: Any, known: list[str]) -> None:
+def check_names(where: str, values: Any, known: list[str]) -> None:
+    """Raise InputError where ``values``, named ``where``, are no mapping of some of the ``known`` names."""
     if not isinstance(values, Mapping) or not set(values) <= set(known):
         got = ", ".join(sorted(set(values) - set(known))) if isinstance(values, Mapping) else repr(values)
         raise InputError(f"{where}: expected some of {', '.join(known)}, got {got}")
