@@ -5,11 +5,21 @@ SI units throughout; strain and stress vectors are Mandel (tsg_micro.data.mandel
 """
 
 from tsg_micro.cells.lattice import box_cells, lattice, side_nodes, spheroid_cells
+from tsg_micro.cells.laws.linear import Linear, NoCompression
+from tsg_micro.cells.member_law import MemberLaw, Members, member_law
 from tsg_micro.cells.parameters import CellParameters
-from tsg_micro.cells.prestress import SelfStress, prestressed, self_stress, with_bar_force, with_force_density
+from tsg_micro.cells.prestress import (
+    SelfStress,
+    prestressed,
+    self_stress,
+    with_bar_force,
+    with_force_density,
+    with_self_stress,
+)
 from tsg_micro.cells.structure import Structure, equilibrium_matrix, from_arrays, member_vectors
 from tsg_micro.cells.tissue import Tissue
-from tsg_micro.cells.unit_cell import UnitCell, unit_cell
+from tsg_micro.cells.truncated_octahedron import unit_cell
+from tsg_micro.cells.unit_cell import UnitCell
 from tsg_micro.continuum.homogenise import BlockFields, block_fields, cell_gradient, kirchhoff_stress
 from tsg_micro.continuum.rve import RVE, RVEState, build_rve
 from tsg_micro.continuum.rve_spec import RVESpec
@@ -38,7 +48,11 @@ __all__ = [
     "Equilibrium",
     "EquilibriumSolver",
     "InputError",
+    "Linear",
+    "MemberLaw",
+    "Members",
     "NewtonOptions",
+    "NoCompression",
     "RVESpec",
     "RVEState",
     "SelfStress",
@@ -59,6 +73,7 @@ __all__ = [
     "join_paths",
     "kirchhoff_stress",
     "lattice",
+    "member_law",
     "member_vectors",
     "pressure",
     "prestressed",
@@ -74,5 +89,6 @@ __all__ = [
     "von_mises",
     "with_bar_force",
     "with_force_density",
+    "with_self_stress",
     "write_dataset",
 ]

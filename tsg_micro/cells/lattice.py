@@ -1,9 +1,8 @@
 """Cells tiled to blocks, sheets and voxel shapes, merged exactly by integer keys.
 
 Cell (i, j, k) is the unit cell mirrored in x if i is odd, in y if j is odd, in z if k is odd, so that neighbours
-share a square face: its 4 nodes and its 4 tendons are one. Every node has an exact integer position, in eighths
-of a cell: a multiple of 8 along the normal of its face, and 8 i + 4 -+ 1 across it (the sign of its place on the
-face). Two nodes are the same if and only if their keys are equal; no distance is compared.
+share a face: its nodes and its tendons are one. Every node has an exact integer position, its key, from its place in
+the unit cell. Two nodes are the same if and only if their keys are equal; no distance is compared.
 """
 
 from __future__ import annotations
@@ -15,14 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tsg_micro.cells.parameters import CellParameters
-from tsg_micro.cells.structure import Structure, member_vectors
-from tsg_micro.cells.unit_cell import BAR, unit_cell
+from tsg_micro.cells.structure import Structure, member_vectors, unit_of
+from tsg_micro.cells.truncated_octahedron import unit_cell
+from tsg_micro.cells.unit_cell import BAR, UnitCell
 from tsg_micro.data.errors import InputError
 
-__all__ = ["Images", "box_cells", "lattice", "side_nodes", "spheroid_cells"]
+__all__ = ["Images", "box_cells", "face_nodes", "lattice", "side_nodes", "spheroid_cells"]
 
 Images = Literal["merged", "duplicated"]
-_NORMAL, _ACROSS, _PER_CELL = 4, 1, 8
 
 
 def box_cells(nx: int, ny: int, nz: int) -> NDArray[np.int64]:
@@ -60,25 +59,8 @@ def _number(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int6
     return first, inverse
 
 
-def lattice(
-    cells: ArrayLike,
-    parameters: CellParameters | None = None,
-    *,
-    periodic: tuple[bool, bool, bool] = (False, False, False),
-    images: Images = "merged",
-) -> Structure:
-    """The structure of ``cells`` (c, 3), lattice indices, without prestress (rest lengths are the lengths).
-
-    With ``periodic`` axes, nodes on opposite faces of the box are one. ``images`` says what becomes of the members
-    there: "merged" counts them once, as inside an infinite body; "duplicated" keeps both, as if the faces were
-    only tied.
-
-    Raises:
-        InputError: ``cells`` is empty or repeats a cell, or a periodic axis does not hold a full box of an even
-            number of cells.
-    """
-    parameters = parameters or CellParameters()
-    cells = np.atleast_2d(np.asarray(cells, dtype=np.int64))
+def _check(cells: NDArray[np.int64], periodic: tuple[bool, bool, bool], images: str) -> None:
+    """Raise InputError where :func:`lattice` cannot tile that."""
     if cells.ndim != 2 or cells.shape[1] != 3 or len(cells) == 0:
         raise InputError(f"cells: expected lattice indices of shape (c, 3), got {cells.shape}")
     if images not in ("merged", "duplicated"):
@@ -92,21 +74,46 @@ def lattice(
                 f"periodic: expected a full box with an even number of cells along {'xyz'[axis]}, got {count[axis]}"
             )
 
-    unit = unit_cell(parameters.half_diagonal)
-    mirror = np.where(cells % 2, -1, 1)[:, None, :]
-    local = unit.nodes * mirror  # (c, 24, 3), half cell heights
-    place = np.where(np.abs(unit.nodes) == 1.0, _NORMAL, _ACROSS) * np.sign(unit.nodes).astype(np.int64) * mirror
-    keys = (_PER_CELL * cells[:, None] + _PER_CELL // 2 + place).reshape(-1, 3)
+
+def lattice(
+    cells: ArrayLike,
+    parameters: CellParameters | None = None,
+    *,
+    periodic: tuple[bool, bool, bool] = (False, False, False),
+    images: Images = "merged",
+    unit: UnitCell | None = None,
+) -> Structure:
+    """The structure of ``cells`` (c, 3), lattice indices, without prestress (rest lengths are the lengths).
+
+    ``unit`` is what is tiled, by default the truncated octahedron of the parameters' half-diagonal.
+
+    With ``periodic`` axes, nodes on opposite faces of the box are one. ``images`` says what becomes of the members
+    there: "merged" counts them once, as inside an infinite body; "duplicated" keeps both, as if the faces were
+    only tied.
+
+    Raises:
+        InputError: ``cells`` is empty or repeats a cell, or a periodic axis does not hold a full box of an even
+            number of cells.
+    """
+    parameters = parameters or CellParameters()
+    cells = np.atleast_2d(np.asarray(cells, dtype=np.int64))
+    _check(cells, periodic, images)
+    count = np.ptp(cells, axis=0) + 1
+    unit = unit or unit_cell(parameters.half_diagonal)
+    count_nodes, count_members = len(unit.nodes), len(unit.members)
+    mirror = (1 - 2 * (cells % 2))[:, None, :]
+    local = unit.nodes * mirror  # (c, k, 3), half cell heights
+    keys = (unit.per_cell * cells[:, None] + unit.per_cell // 2 + unit.places * mirror).reshape(-1, 3)
     position = (0.5 * parameters.height * (2 * cells[:, None] + 1 + local)).reshape(-1, 3)
 
-    origin, span = _PER_CELL * cells.min(axis=0), _PER_CELL * count
+    origin, span = unit.per_cell * cells.min(axis=0), unit.per_cell * count
     wraps = np.asarray(periodic)
     image = np.where(wraps, (keys - origin) // span, 0)
     wrapped = keys - image * span
     first, node = _number(wrapped)
     size = count * parameters.height
 
-    pairs = (24 * np.arange(len(cells))[:, None, None] + unit.members).reshape(-1, 2)
+    pairs = (count_nodes * np.arange(len(cells))[:, None, None] + unit.members).reshape(-1, 2)
     ends = node[pairs]
     shift = image[pairs[:, 1]] - image[pairs[:, 0]]
     flip = ends[:, 0] > ends[:, 1]
@@ -117,13 +124,13 @@ def lattice(
         identity += [image[pairs].min(axis=1)]
     member_first, member = _number(np.concatenate(identity, axis=1))
 
-    owner = np.repeat(np.arange(len(cells)), len(unit.members))
-    member_cells = np.full((len(member_first), 2), -1, dtype=np.int64)
-    member_cells[:, 0] = owner[member_first]
+    owner, place = np.divmod(np.arange(len(member)), count_members)
     again = np.setdiff1d(np.arange(len(member)), member_first, assume_unique=True)
-    member_cells[member[again], 1] = owner[again]
+    member_cells, member_places = np.full((2, len(member_first), 2), -1, dtype=np.int64)
+    for side, number, at in ((0, slice(None), member_first), (1, member[again], again)):
+        member_cells[number, side], member_places[number, side] = owner[at], place[at]
 
-    kind = np.tile(unit.kind, len(cells))[member_first]
+    kind = unit.kind[place[member_first]]
     block_first, cell_block = _number(cells // 2)
     structure = Structure(
         nodes=position[first] - image[first] * size,
@@ -135,10 +142,13 @@ def lattice(
         size=size.astype(float),
         periodic=periodic,
         member_cells=member_cells,
+        member_places=member_places,
         cells=cells,
         cell_block=cell_block,
         blocks=(cells // 2)[block_first],
         node_keys=wrapped[first],
+        cell_nodes=node.reshape(-1, count_nodes),
+        unit=unit,
     )
     return dataclasses.replace(structure, rest_length=np.linalg.norm(member_vectors(structure), axis=1))
 
@@ -146,4 +156,11 @@ def lattice(
 def side_nodes(structure: Structure, axis: int, *, end: Literal["low", "high"]) -> NDArray[np.int64]:
     """Numbers of the nodes on the flat outer face of a lattice across ``axis`` (0, 1, 2)."""
     limit = structure.cells[:, axis].min() if end == "low" else structure.cells[:, axis].max() + 1
-    return np.flatnonzero(structure.node_keys[:, axis] == _PER_CELL * limit)
+    return np.flatnonzero(structure.node_keys[:, axis] == unit_of(structure).per_cell * limit)
+
+
+def face_nodes(structure: Structure, axis: int, *, end: Literal["low", "high"]) -> NDArray[np.int64]:
+    """Numbers of the nodes on that face of every cell (c, k) of a lattice; odd cells are mirrored."""
+    faces = np.array(unit_of(structure).faces[axis])
+    side = (structure.cells[:, axis] % 2) ^ (end == "high")
+    return np.take_along_axis(structure.cell_nodes, faces[side], axis=1)

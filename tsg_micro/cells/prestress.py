@@ -1,8 +1,8 @@
 """Self-stress of a pin-jointed structure, and rest lengths that put it there.
 
 Force densities q with A_eq q = 0 are the null space of the equilibrium matrix, found by SVD for structures of a
-moderate size. A lattice of cells is prestressed by the sum of its cells' closed-form states, each scaled to the
-bar force f_b of its cell; that is exact for any number of cells.
+moderate size. A lattice of cells is prestressed by the sum of its cells' own states, each scaled to the bar force f_b
+of its cell; that is exact for any number of cells.
 """
 
 from __future__ import annotations
@@ -11,14 +11,12 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from tsg_micro.cells.parameters import CellParameters, check_bar_force
-from tsg_micro.cells.structure import Structure, equilibrium_matrix, member_vectors
-from tsg_micro.cells.unit_cell import unit_cell
+from tsg_micro.cells.structure import Structure, equilibrium_matrix, from_arrays, member_vectors, unit_of
+from tsg_micro.cells.unit_cell import UnitCell
 from tsg_micro.data.errors import InputError
-from tsg_micro.equilibrium.linear_solvers import choose_backend, make_solver
 
 __all__ = [
     "SelfStress",
@@ -26,13 +24,13 @@ __all__ = [
     "force_density_of_owners",
     "prestressed",
     "self_stress",
-    "self_stress_counts",
     "with_bar_force",
     "with_force_density",
+    "with_self_stress",
 ]
 
 Array = NDArray[np.float64]
-_MOST_MEMBERS, _SVD_MEMBERS = 4000, 1000
+_MOST_MEMBERS = 4000
 
 
 @dataclass(frozen=True)
@@ -79,8 +77,21 @@ def with_bar_force(states: Array, structure: Structure, bar_force: float) -> Arr
     return np.asarray(states @ z)
 
 
+def with_self_stress(unit: UnitCell) -> UnitCell:
+    """A cell of which no closed form is known, with the self-stress that the SVD finds.
+
+    Raises:
+        InputError: no state gives all its bars one force.
+    """
+    one = np.ones(len(unit.members))
+    structure = from_arrays(unit.nodes, unit.members, kind=unit.kind, EA=one, rest_length=one)
+    bar_length = float(np.linalg.norm(member_vectors(structure)[unit.bars], axis=1).mean())
+    q = with_bar_force(self_stress(structure).states, structure, bar_length)
+    return dataclasses.replace(unit, force_density=q, bar_length=bar_length)
+
+
 def force_density_of_cells(structure: Structure, parameters: CellParameters, bar_force: ArrayLike) -> Array:
-    """Self-stress (m,), N/m: the sum over cells of their closed-form state, scaled to their bar force f_b (N).
+    """Self-stress (m,), N/m: the sum over cells of their own state, scaled to their bar force f_b (N).
 
     Raises:
         InputError: ``bar_force`` is not a positive number or one per cell.
@@ -95,24 +106,23 @@ def force_density_of_owners(structure: Structure, parameters: CellParameters, ba
         InputError: as :func:`force_density_of_cells`.
     """
     f = check_bar_force(bar_force, cells=len(structure.cells), EA_bar=parameters.EA_bar)
-    unit = unit_cell(parameters.half_diagonal)
-    state = np.zeros(3)
-    state[unit.kind] = unit.force_density
+    unit = unit_of(structure)
+    state = np.append(unit.force_density, 0.0)
     scale = np.append(f / (unit.bar_length * parameters.height / 2.0), 0.0)  # the last one stands for "no cell"
-    return np.asarray(state[structure.kind, None] * scale[structure.member_cells])
+    return np.asarray(state[structure.member_places] * scale[structure.member_cells])
 
 
 def with_force_density(structure: Structure, force_density: Array) -> Structure:
-    """``structure`` with rest lengths l0 = EA l / (EA + t0), t0 = q l: it carries q (m,), N/m, where it stands.
+    """``structure`` with the rest lengths its member law gives for t0 = q l: it carries q (m,), N/m, where it stands.
 
     Raises:
-        InputError: a compression as large as the stiffness of its member.
+        InputError: a force that its member cannot carry, as a compression as large as its stiffness.
     """
     length = np.linalg.norm(member_vectors(structure), axis=1)
-    stretched = structure.EA + force_density * length
-    if (stretched <= 0.0).any():
-        raise InputError("force_density: expected forces above -EA in every member")
-    return dataclasses.replace(structure, rest_length=structure.EA * length / stretched)
+    rest_length = structure.law.rest_length(length, force_density * length, structure.material)
+    if not (np.isfinite(rest_length) & (rest_length > 0.0)).all():
+        raise InputError("force_density: expected forces that every member can carry by its law")
+    return dataclasses.replace(structure, rest_length=rest_length)
 
 
 def prestressed(structure: Structure, parameters: CellParameters, bar_force: ArrayLike) -> Structure:
@@ -122,25 +132,3 @@ def prestressed(structure: Structure, parameters: CellParameters, bar_force: Arr
         InputError: as :func:`force_density_of_cells`.
     """
     return with_force_density(structure, force_density_of_cells(structure, parameters, bar_force))
-
-
-def self_stress_counts(structure: Structure) -> tuple[int, int, str]:
-    """Number of self-stress states, of internal mechanisms, and how they were found.
-
-    Small structures by SVD; large ones by the inertia of A_eq^T A_eq - d 1, whose negative pivots are the singular
-    values of A_eq below sqrt(d), here 1e-4 of the longest member; the spheroid has none between round-off and 1e-3.
-    """
-    m = len(structure.members)
-    if m <= _SVD_MEMBERS:
-        svd = self_stress(structure)
-        return svd.states.shape[1], svd.mechanisms, "singular value decomposition"
-    A = equilibrium_matrix(structure)
-    gram = sp.triu(A.T @ A, format="csr")
-    gram.sort_indices()
-    length = np.linalg.norm(member_vectors(structure), axis=1).max()
-    gram.setdiag(gram.diagonal() - (1e-4 * length) ** 2)
-    choice = choose_backend(m)
-    solver = make_solver(gram.indptr.astype(np.int32), gram.indices.astype(np.int32), choice.backend)
-    states = solver.factorise(gram.data).negative_pivots
-    rigid = 3 if any(structure.periodic) else 6
-    return states, structure.nodes.size - (m - states) - rigid, f"inertia of A^T A, by {choice.backend}"

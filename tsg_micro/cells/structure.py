@@ -9,10 +9,12 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from tsg_micro.cells.unit_cell import BAR
+from tsg_micro.cells.laws.linear import LINEAR
+from tsg_micro.cells.member_law import MemberLaw, Members
+from tsg_micro.cells.unit_cell import BAR, UnitCell
 from tsg_micro.data.errors import InputError
 
-__all__ = ["Structure", "equilibrium_matrix", "from_arrays", "member_vectors"]
+__all__ = ["Structure", "equilibrium_matrix", "from_arrays", "member_vectors", "unit_of"]
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class Structure:
     kind: NDArray[np.uint8]
     """Square tendon 0, edge tendon 1, bar 2 (m,)."""
     EA: NDArray[np.float64]
-    """Axial stiffness (m,), N."""
+    """Axial stiffness at rest (m,), N."""
     rest_length: NDArray[np.float64]
     """Length without force (m,), m."""
     shift: NDArray[np.int64]
@@ -40,6 +42,8 @@ class Structure:
     """Along which axes the structure repeats."""
     member_cells: NDArray[np.int64] = dataclasses.field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
     """The one or two cells a member belongs to (m, 2), -1 for none."""
+    member_places: NDArray[np.int64] = dataclasses.field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    """Which member of the unit cell it is in each of them (m, 2), -1 for none."""
     cells: NDArray[np.int64] = dataclasses.field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
     """Lattice indices of the cells (c, 3)."""
     cell_block: NDArray[np.int64] = dataclasses.field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -47,12 +51,28 @@ class Structure:
     blocks: NDArray[np.int64] = dataclasses.field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
     """Lattice indices of the 2x2x2 blocks (b, 3)."""
     node_keys: NDArray[np.int64] = dataclasses.field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
-    """Exact integer position of each node (n, 3), eighths of a cell; see tsg_micro.cells.lattice."""
+    """Exact integer position of each node (n, 3), ``unit.per_cell`` to a cell; see tsg_micro.cells.lattice."""
+    cell_nodes: NDArray[np.int64] = dataclasses.field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64))
+    """Nodes of every cell (c, k), in the order of the unit cell."""
+    unit: UnitCell | None = None
+    """What a lattice is tiled from."""
+    law: MemberLaw = LINEAR
+    """What the members answer to their lengths."""
 
     @property
     def bars(self) -> NDArray[np.bool_]:
         """Mask of the bars (m,)."""
         return self.kind == BAR
+
+    @property
+    def material(self) -> Members:
+        """What the members are made of, as their law asks for it."""
+        return Members(self.EA, self.bars)
+
+    @property
+    def height(self) -> float:
+        """Edge of a cell of a lattice, m."""
+        return float(self.size[0] / (np.ptp(self.cells[:, 0]) + 1))
 
     @property
     def volume(self) -> float:
@@ -64,6 +84,17 @@ def member_vectors(structure: Structure) -> NDArray[np.float64]:
     """Reference vectors of the members (m, 3), second end minus first, m."""
     i, j = structure.members.T
     return structure.nodes[j] - structure.nodes[i] + structure.shift * structure.size
+
+
+def unit_of(structure: Structure) -> UnitCell:
+    """The unit cell that a lattice is tiled from.
+
+    Raises:
+        InputError: the structure is no lattice.
+    """
+    if structure.unit is None:
+        raise InputError("structure: expected a lattice of cells")
+    return structure.unit
 
 
 def equilibrium_matrix(structure: Structure) -> sp.csc_array:

@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
+from numpy.typing import ArrayLike
+
 from tsg_micro.cells.lattice import Images, box_cells, lattice
+from tsg_micro.cells.laws.linear import LINEAR
+from tsg_micro.cells.member_law import MemberLaw, law_as_dict, law_from_dict
 from tsg_micro.cells.parameters import CellParameters, check_bar_force
 from tsg_micro.cells.prestress import prestressed
 from tsg_micro.cells.structure import Structure
+from tsg_micro.cells.truncated_octahedron import unit_cell
+from tsg_micro.cells.unit_cell import UnitCell
 from tsg_micro.data.errors import InputError
 
-__all__ = ["Tissue"]
+__all__ = ["UNIT_CELLS", "Tissue", "check_names"]
+
+UNIT_CELLS: dict[str, Callable[[float], UnitCell]] = {"truncated-octahedron": unit_cell}
+"""Cells by name, each made from the half-diagonal r of its faces."""
 
 
 @dataclass(frozen=True)
 class Tissue:
-    """Cells of one kind: their shape, size and members, and the compression f_b (N) of their bars at rest.
+    """Cells of one kind: their shape, size and members, what these answer, and the bars' compression f_b (N) at rest.
 
     Raises:
         InputError: on construction, where the bar force is not one positive number that the bars can carry.
@@ -26,14 +35,35 @@ class Tissue:
     cell: CellParameters = field(default_factory=CellParameters)
     bar_force: float = 1e-8
     """f_b, N."""
+    law: MemberLaw = LINEAR
+    """What bars and tendons answer to their lengths."""
+    unit: str = "truncated-octahedron"
+    """The cell's name among UNIT_CELLS."""
 
     def __post_init__(self) -> None:
         check_bar_force(self.bar_force, cells=1, EA_bar=self.cell.EA_bar)
+        if not isinstance(self.unit, str) or self.unit not in UNIT_CELLS:
+            raise InputError(f"tissue, unit: expected one of {', '.join(sorted(UNIT_CELLS))}, got {self.unit!r}")
+
+    @property
+    def unit_cell(self) -> UnitCell:
+        """The cell in units of half its height."""
+        return UNIT_CELLS[self.unit](self.cell.half_diagonal)
 
     @property
     def block(self) -> float:
         """Edge of a block of 2x2x2 cells, m: the period of the tissue."""
         return 2.0 * self.cell.height
+
+    def lattice(
+        self, cells: ArrayLike, *, periodic: tuple[bool, bool, bool] = (False, False, False), images: Images = "merged"
+    ) -> Structure:
+        """The structure of ``cells`` (c, 3), lattice indices, without prestress; see :func:`lattice`.
+
+        Raises:
+            InputError: as :func:`lattice`.
+        """
+        return replace(lattice(cells, self.cell, periodic=periodic, images=images, unit=self.unit_cell), law=self.law)
 
     def box(
         self,
@@ -47,13 +77,13 @@ class Tissue:
         Raises:
             InputError: a count below 1, or an odd one along a periodic axis.
         """
-        return prestressed(
-            lattice(box_cells(*cells), self.cell, periodic=periodic, images=images), self.cell, self.bar_force
-        )
+        structure = self.lattice(box_cells(*cells), periodic=periodic, images=images)
+        return prestressed(structure, self.cell, self.bar_force)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, as they are written into data sets and files; :meth:`from_dict` reads them."""
-        return {"bar_force": float(self.bar_force), "cell": asdict(self.cell)}
+        cell, law = asdict(self.cell), law_as_dict(self.law)
+        return {"bar_force": float(self.bar_force), "unit": self.unit, "cell": cell, "law": law}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Tissue:
@@ -62,15 +92,29 @@ class Tissue:
         Raises:
             InputError: an unknown name, or a value that is not valid.
         """
+        check_names("tissue", values, [one.name for one in fields(cls)])
         cell = values.get("cell", {})
-        known = {"bar_force", "cell"}, {one.name for one in fields(CellParameters)}
-        for given, names, where in ((values, known[0], "tissue"), (cell, known[1], "tissue, cell")):
-            if not isinstance(given, Mapping) or not set(given) <= names:
-                got = ", ".join(sorted(set(given) - names)) if isinstance(given, Mapping) else repr(given)
-                raise InputError(f"{where}: expected some of {', '.join(sorted(names))}, got {got}")
-        numbers = {**cell, **({"bar_force": values["bar_force"]} if "bar_force" in values else {})}
-        for name, value in numbers.items():
-            if isinstance(value, bool) or not isinstance(value, int | float):
-                raise InputError(f"tissue, {name}: expected a number, got {value!r}")
-        bar_force = {"bar_force": float(values["bar_force"])} if "bar_force" in values else {}
-        return cls(CellParameters(**{name: float(value) for name, value in cell.items()}), **bar_force)
+        check_names("tissue, cell", cell, [one.name for one in fields(CellParameters)])
+        given: dict[str, Any] = {
+            "cell": CellParameters(**{n: _number(f"tissue, cell, {n}", v) for n, v in cell.items()})
+        }
+        if "bar_force" in values:
+            given["bar_force"] = _number("tissue, bar_force", values["bar_force"])
+        if "law" in values:
+            given["law"] = law_from_dict(values["law"])
+        if "unit" in values:
+            given["unit"] = values["unit"]
+        return cls(**given)
+
+
+def check_names(where: str, values: Any, known: list[str]) -> None:
+    """Raise InputError where ``values``, named ``where``, are no mapping of some of the ``known`` names."""
+    if not isinstance(values, Mapping) or not set(values) <= set(known):
+        got = ", ".join(sorted(set(values) - set(known))) if isinstance(values, Mapping) else repr(values)
+        raise InputError(f"{where}: expected some of {', '.join(known)}, got {got}")
+
+
+def _number(name: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{name}: expected a number, got {value!r}")
+    return float(value)

@@ -1,104 +1,89 @@
-"""The truncated-octahedron tensegrity cell in closed form, in the cube [-1, 1]^3.
+"""What a lattice, its prestress and its continuum ask of the cell they are tiled from.
 
-All 24 nodes are the orbit of p = (a, -b, 1) under the 24 rotations of the cube, so each square face is flat,
-normal to an axis, with half-diagonal r = sqrt(a^2 + b^2), twisted by theta = atan(b / a). Square tendons join
-neighbours on a face, edge tendons join two faces, bars cross the cell: 24 + 12 + 12 members.
-Equilibrium at one node for a bar force density of -1 gives the self-stress state
-    q_e = (1 + b) / (1 - a),   q_s = 1 + (1 + b) / (2 a),   2 b (q_s + q_e) = 1 + b;
-the last equation fixes theta for a given r.
+Every cell of a lattice is the unit cell or a mirror image of it, so any cell in a cube tiles: neighbours agree on the
+face between them. What belongs to that face is one, and it is found by the nodes' exact integer places.
 """
 
 from __future__ import annotations
 
-import itertools
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tsg_micro.data.errors import InputError
 
-__all__ = ["BAR", "EDGE_TENDON", "KINDS", "SQUARE_TENDON", "UnitCell", "unit_cell"]
+__all__ = ["BAR", "EDGE_TENDON", "KINDS", "SQUARE_TENDON", "UnitCell"]
 
 SQUARE_TENDON, EDGE_TENDON, BAR = 0, 1, 2
 KINDS = ("square tendon", "edge tendon", "bar")
+Sides = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 @dataclass(frozen=True)
 class UnitCell:
-    """One cell in units of half its height, and its self-stress for a bar force density of -1."""
-
-    nodes: NDArray[np.float64]
-    """Coordinates (24, 3) in [-1, 1]^3."""
-    members: NDArray[np.int64]
-    """Node pairs (48, 2): 24 square tendons, 12 edge tendons, 12 bars."""
-    kind: NDArray[np.uint8]
-    """Kind of each member (48,): index into KINDS."""
-    force_density: NDArray[np.float64]
-    """Self-stress state (48,), -1 in the bars."""
-    theta: float
-    """Twist of the square faces, rad."""
-    bar_length: float
-    """Length of a bar, in half cell heights."""
-
-
-def _twist(r: float) -> float:
-    """The angle theta at which the cell of half-diagonal r is in self-equilibrium."""
-
-    def imbalance(theta: float) -> float:
-        a, b = r * np.cos(theta), r * np.sin(theta)
-        return 2.0 * b * (1.0 + (1.0 + b) * (0.5 / a + 1.0 / (1.0 - a))) - (1.0 + b)
-
-    low, high = 1e-9, np.pi / 2 - 1e-9
-    while low < (middle := 0.5 * (low + high)) < high:  # until no number lies between; quicker than importing brentq
-        low, high = (middle, high) if imbalance(middle) < 0.0 else (low, middle)
-    return float(middle)
-
-
-def _rotations() -> NDArray[np.float64]:
-    """The 24 rotation matrices of the cube (24, 3, 3)."""
-    matrices = []
-    for permutation in itertools.permutations(range(3)):
-        for signs in itertools.product((1.0, -1.0), repeat=3):
-            matrix = np.diag(signs)[:, permutation]
-            if np.linalg.det(matrix) > 0.0:
-                matrices.append(matrix)
-    return np.array(matrices)
-
-
-@lru_cache(maxsize=32)
-def unit_cell(half_diagonal: float, *, mirrored: bool = False) -> UnitCell:
-    """The cell of half-diagonal r in (0, 1), or its mirror image in x.
+    """One cell in units of half its height, from its centre, and its self-stress.
 
     Raises:
-        InputError: r is outside (0, 1).
+        InputError: on construction, where shapes do not fit, places and coordinates disagree about what is on a face,
+            opposite faces have different numbers of nodes, a bar is on a face or any member on an edge of the cube, or
+            the self-stress is not in equilibrium or gives the bars different forces.
     """
-    if not 0.0 < half_diagonal < 1.0:
-        raise InputError(f"half_diagonal r: expected a number in (0, 1), got {half_diagonal}")
-    theta = _twist(half_diagonal)
-    a, b = half_diagonal * np.cos(theta), half_diagonal * np.sin(theta)
-    rotations = _rotations()
-    nodes = rotations @ np.array([a, -b, 1.0])
 
-    members, kind = [], []
-    partners = {SQUARE_TENDON: (b, a, 1.0), EDGE_TENDON: (1.0, b, a), BAR: (-a, 1.0, -b)}
-    for label, partner in partners.items():
-        images = rotations @ np.array(partner)
-        ends = np.abs(images[:, None] - nodes).sum(axis=2).argmin(axis=1)
-        pairs = np.unique(np.sort(np.column_stack([np.arange(24), ends]), axis=1), axis=0)
-        members.append(pairs)
-        kind.append(np.full(len(pairs), label, dtype=np.uint8))
-    if mirrored:
-        nodes = nodes * np.array([-1.0, 1.0, 1.0])
+    nodes: NDArray[np.float64]
+    """Coordinates (n, 3) in [-1, 1]^3."""
+    places: NDArray[np.int64]
+    """Exact positions (n, 3) in place of coordinates, ``per_cell`` to a cell: distinct, +-per_cell / 2 on a face."""
+    per_cell: int
+    """Even; eighths suit a cell whose nodes are in four quadrants of its faces."""
+    members: NDArray[np.int64]
+    """Node pairs (m, 2)."""
+    kind: NDArray[np.uint8]
+    """Kind of each member (m,): index into KINDS."""
+    force_density: NDArray[np.float64]
+    """Self-stress state (m,) that compresses every bar by ``bar_length``; zeros where it is not known yet."""
+    bar_length: float
+    """Length of a bar, or their mean, in half cell heights."""
+    theta: float = 0.0
+    """Twist of the faces, rad."""
 
-    densities = np.array([1.0 + 0.5 * (1.0 + b) / a, (1.0 + b) / (1.0 - a), -1.0])
-    kinds = np.concatenate(kind)
-    return UnitCell(
-        nodes=nodes,
-        members=np.concatenate(members),
-        kind=kinds,
-        force_density=densities[kinds],
-        theta=theta,
-        bar_length=float(np.sqrt(4.0 * a**2 + 2.0 * (1.0 + b) ** 2)),
-    )
+    def __post_init__(self) -> None:
+        n, m, half = len(self.nodes), len(self.members), self.per_cell // 2
+        shapes = (self.nodes.shape, self.places.shape, self.members.shape, self.kind.shape, self.force_density.shape)
+        if shapes != ((n, 3), (n, 3), (m, 2), (m,), (m,)) or self.per_cell != 2 * half:
+            raise InputError(f"unit cell: expected n nodes and places, m members, an even per_cell, got {shapes}")
+        on_face = np.abs(self.places) == half
+        if (on_face != (np.abs(self.nodes) == 1.0)).any() or len(np.unique(self.places, axis=0)) < n:
+            raise InputError(f"places: expected distinct ones, +-{half} where a coordinate is +-1 and nowhere else")
+        if any(len(low) != len(high) for low, high in self.faces):
+            raise InputError("unit cell: expected as many nodes on a face as on the opposite one")
+        i, j = self.members.T
+        shared = (on_face[i] & (self.places[i] == self.places[j])).sum(axis=1)
+        if (shared > 1).any() or (shared[self.bars] > 0).any():
+            raise InputError("members: expected none along an edge of the cube, and tendons only on its faces")
+        d = self.nodes[j] - self.nodes[i]
+        pull = self.force_density[:, None] * d
+        rest = np.zeros((n, 3))
+        np.add.at(rest, i, pull)
+        np.add.at(rest, j, -pull)
+        push = -self.force_density[self.bars] * np.linalg.norm(d[self.bars], axis=1)
+        equal = np.allclose(push, self.bar_length, rtol=1e-9) or not pull.any()
+        if np.abs(rest).max() > 1e-9 * np.abs(pull).max() or not equal:
+            raise InputError("force_density: expected equilibrium, and bar_length as the compression of every bar")
+
+    @property
+    def bars(self) -> NDArray[np.bool_]:
+        """Mask of the bars (m,)."""
+        return self.kind == BAR
+
+    @property
+    def faces(self) -> tuple[Sides, Sides, Sides]:
+        """For each axis the nodes on the low and on the high face across it."""
+        low, high = (self.places == end * (self.per_cell // 2) for end in (-1, 1))
+        x, y, z = ((np.flatnonzero(low[:, axis]), np.flatnonzero(high[:, axis])) for axis in range(3))
+        return x, y, z
+
+    def turned(self, matrix: ArrayLike) -> UnitCell:
+        """The same cell seen in another frame: ``matrix`` (3, 3) swaps axes, their signs, or both."""
+        turn = np.asarray(matrix, dtype=np.int64)
+        return replace(self, nodes=self.nodes @ turn.T, places=self.places @ turn.T)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tsg_micro.cells.lattice import face_nodes
 from tsg_micro.cells.structure import Structure, member_vectors
 from tsg_micro.data.errors import InputError
 from tsg_micro.equilibrium.members import MemberState
@@ -19,7 +20,6 @@ from tsg_micro.equilibrium.members import MemberState
 __all__ = ["BlockFields", "block_fields", "cell_gradient", "kirchhoff_stress"]
 
 Array = NDArray[np.float64]
-_PER_CELL = 8  # node keys count eighths of a cell
 
 
 def kirchhoff_stress(members: MemberState, volume: float) -> Array:
@@ -36,20 +36,14 @@ def cell_gradient(structure: Structure, displacement: Array) -> Array:
     """
     if any(structure.periodic):
         raise InputError("structure: expected a lattice without periodic axes")
-    keys, cells = structure.node_keys, structure.cells
-    low = cells.min(axis=0) - 1
-    shape = tuple(np.ptp(cells, axis=0) + 3)
-    number = np.full(shape, len(cells))  # the last one stands for "no cell"
-    number[tuple((cells - low).T)] = np.arange(len(cells))
-    axis = (keys % _PER_CELL == 0).argmax(axis=1)
-    above = keys // _PER_CELL
-    below = above - np.eye(3, dtype=np.int64)[axis]
-    height = structure.size[0] / (np.ptp(cells[:, 0]) + 1)
-    columns = np.zeros((3 * len(cells) + 3, 3))  # row 3 c + a: column a of H of cell c
-    share = displacement / (4.0 * height)  # four nodes to a face
-    for cell, sign in ((below, 1.0), (above, -1.0)):
-        np.add.at(columns, 3 * number[tuple((cell - low).T)] + axis, sign * share)
-    return np.swapaxes(columns.reshape(-1, 3, 3)[:-1], 1, 2)
+    H = np.zeros((len(structure.cells), 3, 3))
+    for axis in range(3):
+        high, low = (face_nodes(structure, axis, end=end) for end in ("high", "low"))
+        share = displacement / (high.shape[1] * structure.height)
+        for nodes, sign in ((high, 1.0), (low, -1.0)):
+            for node in np.sort(nodes, axis=1).T:  # of all cells at once, and always in one order
+                H[:, :, axis] += sign * share[node]
+    return H
 
 
 @dataclass(frozen=True)
@@ -78,7 +72,7 @@ def block_fields(structure: Structure, displacement: Array, members: MemberState
         np.add.at(current, block, force[own, :, None] * members.vector[own, None, :])
         np.add.at(reference, block, force[own, :, None] * member_vectors(structure)[own, None, :])
     cells_in_block = np.bincount(structure.cell_block, minlength=count)
-    height = structure.size[0] / (np.ptp(structure.cells[:, 0]) + 1)
+    height = structure.height
     mean = np.zeros((count, 3, 3))
     np.add.at(mean, structure.cell_block, cell_gradient(structure, displacement))
     mean /= cells_in_block[:, None, None]

@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tsg_micro.continuum.rve import RVE, RVEState, build_rve
+from tsg_micro.cells.structure import unit_of
+from tsg_micro.cells.tissue import Tissue
+from tsg_micro.continuum.rve import RVE, RVEState
+from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.continuum.sampling import BOXES
 from tsg_micro.data.errors import ConvergenceError
 from tsg_micro.data.mandel import to_mandel
@@ -39,7 +42,7 @@ def negative_pivots_repeated(state: RVEState, one: RVE, many: RVE) -> int:
     Some mean that the periodic state buckles with a wave that ``many`` can hold and ``one`` cannot.
     """
     a, b = one.structure, many.structure
-    span = 8 * (np.ptp(a.cells, axis=0) + 1)  # of the integer keys
+    span = unit_of(a).per_cell * (np.ptp(a.cells, axis=0) + 1)  # of the integer keys
     repeat = np.where(a.periodic, b.node_keys // span, 0)
     number = {tuple(key): i for i, key in enumerate(a.node_keys.tolist())}
     node = [number[tuple(key)] for key in (b.node_keys - repeat * span).tolist()]
@@ -50,7 +53,7 @@ def negative_pivots_repeated(state: RVEState, one: RVE, many: RVE) -> int:
 
 
 def buckling(
-    name: str, *, sizes: Sequence[int], bar_forces: Sequence[float], say: Callable[[str], None]
+    name: str, *, sizes: Sequence[int], tissues: Sequence[Tissue], say: Callable[[str], None]
 ) -> dict[str, Any]:
     """Where on the way to the most compressed corner of the box ``name`` one block stops being enough, by RVE size.
 
@@ -60,13 +63,13 @@ def buckling(
     corner = COMPRESSED[name]
     onset: dict[str, list[float | None]] = {}
     stress: dict[str, list[float | None]] = {}
-    for force in bar_forces:
-        one = build_rve(bar_force=force)
+    for tissue in tissues:
+        force, one = tissue.bar_force, RVESpec(tissue).build()
         coarse = [one.solve_strain(tensor_strain(corner, s)) for s in np.arange(1, _FRACTIONS + 1) / _FRACTIONS]
         onsets: list[float | None] = []
         norms: list[float | None] = [float(np.linalg.norm(coarse[-1].first_piola))]
         for n in sizes[1:]:
-            many = build_rve(bar_force=force, blocks=(n, n, 1))
+            many = RVESpec(tissue, (n, n, 1)).build()
             onsets.append(_onset(corner, coarse, one, many))
             norms.append(_stress_norm(many, corner) if onsets[-1] is not None else norms[0])
         onset[f"{force:g}"], stress[f"{force:g}"] = onsets, norms

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tsg_micro.cells.structure import Structure
+from tsg_micro.cells.structure import Structure, unit_of
 from tsg_micro.continuum.homogenise import block_fields
 from tsg_micro.data.errors import InputError
 from tsg_micro.equilibrium.members import MemberState
@@ -52,10 +52,9 @@ def bar_force_profile(r: Array, *, profile: str, f_max: float, decay: float) -> 
 
 def _block_midpoints(structure: Structure) -> Array:
     """Reference midpoints (b, 3) of the blocks, from the midpoint of the body, m."""
-    height = structure.size[0] / (np.ptp(structure.cells[:, 0]) + 1)
     count = np.bincount(structure.cell_block)
     sums = [np.bincount(structure.cell_block, axis + 0.5) for axis in structure.cells.T]
-    midpoint = height * np.column_stack(sums) / count[:, None]
+    midpoint = structure.height * np.column_stack(sums) / count[:, None]
     return midpoint - midpoint.mean(axis=0)
 
 
@@ -99,12 +98,11 @@ def radial_stress(structure: Structure, displacement: Array, members: MemberStat
         d = members.vector[own]
         density = (prestress[own, side] + added[own]) / members.length[own]
         np.add.at(tau, block, density[:, None, None] * d[:, :, None] * d[:, None, :])
-        bar = structure.bars[own]  # each node of a cell ends one bar of that cell
+        bar = structure.bars[own]  # the cells' bars stand for their nodes
         np.add.at(position, block[bar], moved[structure.members[own][bar]].mean(axis=1))
-    height = structure.size[0] / (np.ptp(structure.cells[:, 0]) + 1)
     cells = np.bincount(structure.cell_block)
-    tau /= (cells * height**3)[:, None, None]
-    position /= 12.0 * cells[:, None]
+    tau /= (cells * structure.height**3)[:, None, None]
+    position /= unit_of(structure).bars.sum() * cells[:, None]
     position -= position.mean(axis=0)
     n = position / np.maximum(np.linalg.norm(position, axis=1, keepdims=True), 1e-300)
     J = np.linalg.det(fields.F)

@@ -71,7 +71,7 @@ def compressed_tendons(structure: Structure, members: MemberState) -> int:
 
 
 def cell_displacement(structure: Structure, displacement: Array) -> Array:
-    """Mean displacement (c, 3) of the 24 nodes of every cell of a lattice, m: each is the end of one of its bars."""
+    """Mean displacement (c, 3) of the ends of every cell's bars, m: all nodes of a truncated octahedron."""
     bars = structure.bars
     cell = structure.member_cells[bars, 0]
     mean = displacement[structure.members[bars]].mean(axis=1)

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, get_args
 
 from tsg_micro.cells.lattice import Images
-from tsg_micro.cells.tissue import Tissue
+from tsg_micro.cells.tissue import Tissue, check_names
 from tsg_micro.continuum.rve import RVE
 from tsg_micro.data.dataset import Dataset
+from tsg_micro.data.errors import InputError
 
 __all__ = ["RVESpec"]
 
@@ -26,6 +27,9 @@ class RVESpec:
     """A periodic piece of tissue: 2x2x2-cell ``blocks`` along x, y, z, and what holds at its faces.
 
     ``free`` names the strain components that are found by the condition that their stress vanishes.
+
+    Raises:
+        InputError: on construction, where blocks or images are not valid; :meth:`build` checks the others.
     """
 
     tissue: Tissue = field(default_factory=Tissue)
@@ -34,11 +38,17 @@ class RVESpec:
     images: Images = "merged"
     free: tuple[str, ...] = SHEET
 
+    def __post_init__(self) -> None:
+        if len(self.blocks) != 3 or min(self.blocks) < 1:
+            raise InputError(f"blocks: expected at least 1, got {min(self.blocks)}")
+        if self.images not in get_args(Images):
+            raise InputError(f"images: expected {' or '.join(get_args(Images))}, got {self.images!r}")
+
     def build(self) -> RVE:
         """The RVE in its reference state.
 
         Raises:
-            InputError: blocks, axes, images or free components that are not valid.
+            InputError: axes or free components that are not valid.
         """
         nx, ny, nz = (2 * n for n in self.blocks)
         return RVE(self.tissue.box((nx, ny, nz), periodic=self.periodic, images=self.images), free=self.free)
@@ -58,14 +68,12 @@ class RVESpec:
         if "tissue" in source:
             tissue, rve = Tissue.from_dict(source["tissue"]), source.get("rve", {})
         elif source.get("bar_force") is not None:  # a file from before data sets knew their tissue
-            named = {name: source[name] for name in ("bar_force", "cell") if name in source}
-            tissue, rve = (
-                Tissue.from_dict(named),
-                {name: source[name] for name in ("blocks", "images") if name in source},
-            )
+            tissue = Tissue.from_dict({name: source[name] for name in ("bar_force", "cell") if name in source})
+            rve = {name: source[name] for name in ("blocks", "images") if name in source}
             rve["free"] = source["box"].get("free", SHEET) if "box" in source else ()
         else:
             return None
+        check_names("rve", rve, ["blocks", "periodic", "images", "free"])
         shape: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in rve.items()}
         return cls(tissue, **shape)
 

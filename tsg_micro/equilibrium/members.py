@@ -1,9 +1,10 @@
 """Exact energy, force and tangent of a structure's members.
 
 Each member has the vector d = D y + d_ref, linear in the unknowns y = (nodal displacements, macroscopic
-displacement gradient H); H moves only members that end at a periodic image. With length l = |d| the energy is
-EA (l - l0)^2 / (2 l0), the force t = EA (l - l0) / l0, the force density q = t / l, and the tangent of t d / l is
-q 1 + (EA / l0 - q) n (x) n: K_G + K_E of the paper's Section 2.1, exact and symmetric.
+displacement gradient H); H moves only members that end at a periodic image. With length l = |d| the member law gives
+energy, force t and stiffness dt/dl, by default EA (l - l0)^2 / (2 l0), EA (l - l0) / l0 and EA / l0; the force density
+is q = t / l, and the tangent of t d / l is q 1 + (dt/dl - q) n (x) n: K_G + K_E of the paper's Section 2.1, exact and
+symmetric.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from tsg_micro.cells.laws.linear import NoCompression
 from tsg_micro.cells.structure import Structure, member_vectors
 
 __all__ = ["MACRO", "MemberState", "MemberSystem", "NodalPattern"]
@@ -34,7 +36,7 @@ class MemberState:
     force: Array
     """Forces t (m,), tension positive, N."""
     stiffness: Array
-    """EA / l0 (m,), N/m; 0 in a slack tendon."""
+    """dt/dl (m,), N/m; 0 in a slack tendon."""
 
     @property
     def force_density(self) -> Array:
@@ -45,7 +47,7 @@ class MemberState:
 class MemberSystem:
     """The members of a structure as functions of y: (3n,) displacements in m, then the 9 entries of H.
 
-    With ``slack`` the tendons carry no compression.
+    They answer by the law of the structure; with ``slack`` by the linear law, and tendons carry no compression.
     """
 
     def __init__(self, structure: Structure, *, slack: bool = False) -> None:
@@ -53,7 +55,8 @@ class MemberSystem:
         self.structure = structure
         self.reference = member_vectors(structure)
         self.rest_length = structure.rest_length
-        self.may_slacken = ~structure.bars & slack
+        self.law = NoCompression() if slack else structure.law
+        self.material = structure.material
         self.nodal_size = 3 * n
         self.size = self.nodal_size + MACRO
         self.pairs = np.zeros((0, 2), dtype=np.int64)
@@ -84,14 +87,12 @@ class MemberSystem:
         """Vectors, lengths, forces and stiffness of the members at y."""
         d = self.reference + (self.D @ y).reshape(-1, 3)
         length = np.sqrt(np.einsum("ij,ij->i", d, d))
-        stiffness = self.structure.EA / self.rest_length
-        if self.may_slacken.any():
-            stiffness = np.where(self.may_slacken & (length < self.rest_length), 0.0, stiffness)
-        return MemberState(d, length, stiffness * (length - self.rest_length), stiffness)
+        given = (length, self.rest_length, self.material)
+        return MemberState(d, length, self.law.force(*given), self.law.stiffness(*given))
 
     def energy(self, state: MemberState) -> float:
         """Stored energy, J."""
-        return float(0.5 * np.dot(state.force, state.length - self.rest_length))
+        return self.law.energy(state.length, self.rest_length, self.material)
 
     def gradient(self, state: MemberState) -> Array:
         """Derivative of the energy by y (3n + 9,): nodal forces in N, then V0 P in J."""
@@ -106,7 +107,7 @@ class MemberSystem:
         return np.asarray(self.DT @ change.reshape(3 * len(q), -1))
 
     def member_blocks(self, state: MemberState) -> Array:
-        """Member tangents q 1 + (EA/l0 - q) n (x) n (m, 9), N/m."""
+        """Member tangents q 1 + (dt/dl - q) n (x) n (m, 9), N/m."""
         q, n = state.force_density, state.vector / state.length[:, None]
         blocks = (state.stiffness - q)[:, None, None] * n[:, :, None] * n[:, None, :]
         blocks[:, [0, 1, 2], [0, 1, 2]] += q[:, None]

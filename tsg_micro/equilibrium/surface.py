@@ -18,14 +18,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tsg_micro.cells.structure import Structure
+from tsg_micro.cells.lattice import face_nodes
+from tsg_micro.cells.structure import Structure, unit_of
 from tsg_micro.data.errors import InputError
 
 __all__ = ["Surface", "enclosed_volume", "outer_surface", "pair_vectors", "volume_gradient"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_PER_CELL = 8  # node keys count eighths of a cell
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,8 @@ def outer_surface(structure: Structure) -> Surface:
     """The surface of a lattice body.
 
     Raises:
-        InputError: the structure is no lattice, is periodic, or two of its cells touch along an edge only.
+        InputError: the structure is no lattice of cells with square faces, is periodic, or two of its cells touch along
+            an edge only.
     """
     cells = structure.cells
     if len(cells) == 0 or any(structure.periodic):
@@ -87,25 +88,20 @@ def _outer_faces(structure: Structure, present: NDArray[np.bool_], low: Index) -
 
     Sides are numbered 4 face + k. A square is twisted by less than 45 degrees, so each node has a side of its own.
     """
-    keys, unit = structure.node_keys, np.eye(3, dtype=np.int64)
-    origin = keys.min(axis=0)
-    shape = tuple(np.ptp(keys, axis=0) + 1)
-    order = np.argsort(packed := np.ravel_multi_index(tuple((keys - origin).T), shape))
+    unit = np.eye(3, dtype=np.int64)
+    if any(len(nodes) != 4 for sides in unit_of(structure).faces for nodes in sides):
+        raise InputError("structure: expected cells with four nodes on every face, the corners of a square")
     corners, edges = [], []
     for axis in range(3):
         for sign in (-1, 1):
             u, v = (unit[(axis + 1) % 3], unit[(axis + 2) % 3])[::sign]  # u x v points outwards
             neighbour = structure.cells - low + sign * unit[axis]
-            cell = structure.cells[~present[tuple(neighbour.T)]]
-            centre = _PER_CELL * cell + _PER_CELL // 2 + sign * _PER_CELL // 2 * unit[axis]
-            quadrants = np.array([u + v, v - u, -u - v, u - v])
-            wanted = (centre[:, None] + quadrants - origin).reshape(-1, 3)
-            node = order[np.searchsorted(packed, np.ravel_multi_index(tuple(wanted.T), shape), sorter=order)]
-            node = node.reshape(-1, 4)
+            outer = ~present[tuple(neighbour.T)]
+            node = face_nodes(structure, axis, end="high" if sign > 0 else "low")[outer]
             offset = structure.nodes[node] - structure.nodes[node].mean(axis=1, keepdims=True)
             towards = offset @ np.column_stack([u, v, -u, -v])
             corners.append(np.take_along_axis(node, towards.argmax(axis=1), axis=1))
-            edges.append(2 * (centre[:, None] + _PER_CELL // 2 * np.array([u, v, -u, -v])) // _PER_CELL)
+            edges.append((2 * structure.cells[outer] + 1 + sign * unit[axis])[:, None] + np.array([u, v, -u, -v]))
     edge = np.concatenate(edges).reshape(-1, 3)  # twice the midpoint of the voxel edge, in cells
     edge -= edge.min(axis=0)
     number = np.ravel_multi_index(tuple(edge.T), tuple(edge.max(axis=0) + 1))

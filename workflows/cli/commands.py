@@ -86,6 +86,7 @@ def sample(
     plots: Plots = True,
 ) -> None:
     """Sample material data from random loading paths through a periodic RVE; also under mpirun."""
+    from tsg_micro.cells.tissue import Tissue
     from workflows.runs.sample import sample as run
 
     summary = run(
@@ -93,7 +94,7 @@ def sample(
         load=load.value,
         paths=paths,
         steps=steps,
-        bar_force=bar_force,
+        tissue=Tissue(bar_force=bar_force),
         seed=seed,
         blocks=blocks,
         images=images.value,  # type: ignore[arg-type]

@@ -42,7 +42,7 @@ def demo(
     begin = time.perf_counter()
     say(f"1/4  material data: {paths} loading paths of {steps} points through one periodic block")
     data = out / "data.h5"
-    sampled = sample(data, load="stretch", paths=paths, steps=steps, bar_force=bar_force)
+    sampled = sample(data, load="stretch", paths=paths, steps=steps, tissue=Tissue(bar_force=bar_force))
     say(f"     {sampled['points']} points in {sampled['seconds']:.0f} s, {sampled['failed_paths']} paths cut")
     say(f"2/4  full tensegrity: {blocks[0]} x {blocks[1]} blocks, every bar and tendon, {strain:.0%} stretch")
     full = dns(

@@ -10,16 +10,17 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from multiprocessing import get_context, parent_process
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
 from tsg_micro.cells.lattice import Images
-from tsg_micro.cells.parameters import CellParameters, check_bar_force
-from tsg_micro.continuum.rve import RVE, build_rve
+from tsg_micro.cells.tissue import Tissue
+from tsg_micro.continuum.rve import RVE
+from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.continuum.sampling import BOXES, PathData, StrainBox, join_paths, sample_paths
 from tsg_micro.data.dataset import append_dataset, convert_dataset, read_dataset, write_dataset
 from tsg_micro.data.errors import InputError
@@ -44,32 +45,36 @@ class Plan:
     load: str
     paths: int
     steps: int
-    bar_force: float
-    seed: int
-    blocks: tuple[int, int, int]
+    seed: int = 0
+    tissue: Tissue = field(default_factory=Tissue)
+    blocks: tuple[int, int, int] = (1, 1, 1)
     images: Images = "merged"
 
     def __post_init__(self) -> None:
         if self.load not in BOXES:
             raise InputError(f"load: expected one of {', '.join(BOXES)}, got {self.load!r}")
-        counts = {"paths": (self.paths, 1), "steps": (self.steps, 1), "seed": (self.seed, 0)}
-        for name, (value, least) in {**counts, "blocks": (min(self.blocks), 1)}.items():
+        for name, value, least in (("paths", self.paths, 1), ("steps", self.steps, 1), ("seed", self.seed, 0)):
             if value < least:
                 raise InputError(f"{name}: expected at least {least}, got {value}")
-        if self.images not in get_args(Images):
-            raise InputError(f"images: expected {' or '.join(get_args(Images))}, got {self.images!r}")
+        assert self.spec  # checks itself
         if self.seed >= 2**63:
             raise InputError(f"seed: expected less than 2^63, got {self.seed}")
-        check_bar_force(self.bar_force, cells=1, EA_bar=CellParameters().EA_bar)
 
     @property
     def box(self) -> StrainBox:
         """The strain box of the load."""
         return BOXES[self.load]
 
-    def rve(self) -> RVE:
-        """The RVE in its reference state."""
-        return build_rve(bar_force=self.bar_force, blocks=self.blocks, free=self.box.free, images=self.images)
+    @property
+    def spec(self) -> RVESpec:
+        """The RVE that is sampled."""
+        return RVESpec(self.tissue, self.blocks, images=self.images, free=self.box.free)
+
+    def parameters(self) -> dict[str, Any]:
+        """All values, for a summary."""
+        one = {"load": self.load, "paths": self.paths, "steps": self.steps, "bar_force": self.tissue.bar_force}
+        one |= {"seed": self.seed, "blocks": self.blocks, "images": self.images}
+        return {**one, "box": asdict(self.box), "cell": asdict(self.tissue.cell)}
 
     def run(self, rve: RVE, paths: Iterable[int], progress: Callable[[], None] | None = None) -> list[PathData]:
         """Follow the paths of these numbers."""
@@ -82,7 +87,7 @@ def sample(
     load: str,
     paths: int,
     steps: int,
-    bar_force: float,
+    tissue: Tissue,
     seed: int = 0,
     blocks: tuple[int, int, int] = (1, 1, 1),
     images: Images = "merged",
@@ -100,7 +105,7 @@ def sample(
     """
     comm = world()
     rank, size = (0, 1) if comm is None else (comm.rank, comm.size)
-    plan = Plan(load, paths, steps, bar_force, seed, blocks, images)
+    plan = Plan(load, paths, steps, seed, tissue, blocks, images)
     output_file(out)
     check_measure(stress_measure)
     if append and out.exists():
@@ -114,15 +119,15 @@ def sample(
             done = _in_processes(processes, plan, advance)
         else:
             with threadpool_limits(1):
-                done = plan.run(plan.rve(), range(rank, paths, size), advance)
+                done = plan.run(plan.spec.build(), range(rank, paths, size), advance)
     if comm is not None:
         parts = comm.gather(done)
         done = [data for part in parts for data in part] if rank == 0 else []
     seconds = time.perf_counter() - begin
     if rank != 0:
         return comm.bcast(None)  # type: ignore[no-any-return]
-    parameters = {**asdict(plan), "box": asdict(plan.box), "cell": asdict(CellParameters())}
-    dataset = convert_dataset(join_paths(done, seed=seed, parameters=parameters, versions=versions()), stress_measure)
+    made = {**plan.parameters(), **plan.spec.parameters()}
+    dataset = convert_dataset(join_paths(done, seed=seed, parameters=made, versions=versions()), stress_measure)
     failures = sorted(data.failure for data in done if data.failure)
     stored = dataset
     before: float | None = 0.0
@@ -134,7 +139,7 @@ def sample(
     summary = write_summary(
         out,
         command="sample",
-        parameters={**parameters, "stress_measure": stress_measure, "append": append},
+        parameters={**plan.parameters(), "stress_measure": stress_measure, "append": append},
         figures={
             "points": (len(dataset), ""),
             "points_in_file": (len(stored), ""),
@@ -174,15 +179,9 @@ def _check_append(out: Path, plan: Plan, stress_measure: str) -> None:
     there = read_dataset(out)
     if there.stress_measure != stress_measure:
         raise InputError(f"out {out}: expected a data set of {stress_measure} stress to append to")
-    same = {
-        "load": plan.load,
-        "bar_force": plan.bar_force,
-        "seed": plan.seed,
-        "blocks": list(plan.blocks),
-        "images": plan.images,
-    }
     for source in there.sources:
-        if all(source.get(name) == value for name, value in same.items()):
+        drawn = source.get("load"), source.get("seed")
+        if drawn == (plan.load, plan.seed) and RVESpec.from_parameters(source) == plan.spec:
             raise InputError(f"seed: expected another than that of the data in {out}, got {plan.seed} again")
 
 
@@ -226,7 +225,7 @@ def _start_worker(plan: Plan) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent answers Ctrl-C for all
     threading.Thread(target=_end_with_parent, daemon=True).start()
     threadpool_limits(1)
-    _worker["rve"] = plan.rve()
+    _worker["rve"] = plan.spec.build()
 
 
 def _end_with_parent() -> None:

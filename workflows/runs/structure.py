@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from tsg_micro.cells.lattice import box_cells, lattice, spheroid_cells
-from tsg_micro.cells.prestress import force_density_of_cells, prestressed, self_stress_counts
+from tsg_micro.cells.prestress import force_density_of_cells, prestressed
 from tsg_micro.cells.structure import equilibrium_matrix
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from tsg_micro.equilibrium.members import MemberSystem
+from tsg_micro.equilibrium.self_stress_counts import self_stress_counts
 from workflows.store.record import write_summary
 
 __all__ = ["structure"]

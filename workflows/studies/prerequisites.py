@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tsg_micro.cells.parameters import CellParameters, check_bar_force
+from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.sampling import BOXES
 from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import InputError
@@ -41,7 +41,7 @@ class Chain:
 
     def __post_init__(self) -> None:
         check_load("stretch", self.strain)
-        check_bar_force(self.bar_force, cells=1, EA_bar=CellParameters().EA_bar)
+        Tissue(bar_force=self.bar_force)
         if min(self.blocks) < 3:
             raise InputError(f"blocks: expected at least 3 3, to leave the outer ones out, got {self.blocks}")
         for name, value, least in (("paths", self.paths, 1), ("steps", self.steps, 1), ("seed", self.seed, 0)):
@@ -72,10 +72,13 @@ class Chain:
         """
         from workflows.runs.sample import sample
 
-        chosen: dict[str, Any] = {"load": load, "paths": self.paths, "steps": self.steps}
-        chosen |= {"bar_force": self.bar_force, "seed": self.seed}
-        chosen |= more
-        return stages.run(name or f"data-{load}", chosen, lambda out: sample(out / "data.h5", **chosen)) / "data.h5"
+        chosen: dict[str, Any] = {"load": load, "paths": self.paths, "steps": self.steps, "seed": self.seed, **more}
+        folder = stages.run(
+            name or f"data-{load}",
+            {**chosen, "bar_force": self.bar_force},
+            lambda out: sample(out / "data.h5", tissue=Tissue(bar_force=self.bar_force), **chosen),
+        )
+        return folder / "data.h5"
 
     def dns(self, stages: Stages, load: str, say: Callable[[str], None], *, flat: bool = True) -> Path:
         """The folder of the full tensegrity; computed unless it is there."""

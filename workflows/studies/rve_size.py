@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsg_micro.cells.lattice import Images
-from tsg_micro.cells.parameters import CellParameters, check_bar_force
+from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.long_waves import COMPRESSED, buckling, negative_pivots_repeated, tensor_strain
-from tsg_micro.continuum.rve import build_rve
+from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from workflows.store.record import peak_memory, write_summary
@@ -97,12 +97,11 @@ def study_rve_size(
         raise InputError(f"largest: expected 2 (a slope needs two sizes) to 20, got {largest}")
     if not bar_force or len(set(bar_force)) < len(bar_force):
         raise InputError(f"bar_force: expected different forces in N, at least one, got {list(bar_force)}")
-    for force in bar_force:
-        check_bar_force(force, cells=1, EA_bar=CellParameters().EA_bar)
+    tissues = [Tissue(bar_force=force) for force in sorted(bar_force)]
     out = output_folder(out)
     begin = time.perf_counter()
-    found = _compute(range(1, largest + 1), sorted(bar_force), say)
-    buckled = {name: buckling(name, sizes=found.sizes, bar_forces=found.bar_forces, say=say) for name in COMPRESSED}
+    found = _compute(range(1, largest + 1), tissues, say)
+    buckled = {name: buckling(name, sizes=found.sizes, tissues=tissues, say=say) for name in COMPRESSED}
     errors, slopes = found.errors("duplicated"), found.slopes("duplicated")
     deviation = max(float(found.errors("merged")[name].max()) for name in ("energy_change", "stress"))
     leading = np.stack([slopes["energy_change"], slopes["stress"]])
@@ -143,22 +142,22 @@ def study_rve_size(
     return summary
 
 
-def _compute(sizes: Sequence[int], bar_forces: Sequence[float], say: Callable[[str], None]) -> Sizes:
+def _compute(sizes: Sequence[int], tissues: Sequence[Tissue], say: Callable[[str], None]) -> Sizes:
     """All states, each from zero strain."""
-    found = Sizes(sizes, bar_forces)
-    ones = [build_rve(bar_force=force) for force in bar_forces]
+    found = Sizes(sizes, [tissue.bar_force for tissue in tissues])
+    ones = [RVESpec(tissue).build() for tissue in tissues]
     states = [[one.solve_strain(tensor_strain(loading)) for loading in LOADINGS.values()] for one in ones]
-    shape = (len(bar_forces), len(LOADINGS), len(sizes))
+    shape = (len(tissues), len(LOADINGS), len(sizes))
     for images in IMAGES:
         stored, change, seconds = (np.zeros(shape) for _ in range(3))
         P = np.zeros((*shape, 3, 3))
         for k, n in enumerate(sizes):
-            for i, force in enumerate(bar_forces):
-                rve = build_rve(bar_force=force, blocks=(n, n, 1), images=images)
+            for i, tissue in enumerate(tissues):
+                rve = RVESpec(tissue, (n, n, 1), images=images).build()
                 rest = rve.solve_strain(np.zeros(6)).energy
                 for j, (name, loading) in enumerate(LOADINGS.items()):
                     if images == "merged" and negative_pivots_repeated(states[i][j], ones[i], rve):
-                        found.unstable.append(f"{name}, {force:g} N, {n}x{n}")
+                        found.unstable.append(f"{name}, {tissue.bar_force:g} N, {n}x{n}")
                     rve.reset()
                     begin = time.perf_counter()
                     state = rve.solve_strain(tensor_strain(loading))

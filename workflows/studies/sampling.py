@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.sampling import BOXES
 from tsg_micro.data.dataset import Dataset, convert_dataset, read_dataset
 from tsg_micro.data.errors import InputError
@@ -75,8 +76,9 @@ def study_sampling(
     loads = [load] if load else list(LOADS)
     if solved is not None and solved["parameters"]["load"] != load:
         raise InputError(f"dd: expected a solution under {load}, got {solved['parameters']['load']} in {dd}")
+    tissue = Tissue(bar_force=bar_force)
     for name in loads:
-        Plan(name, paths, steps, bar_force, seed, (1, 1, 1))
+        Plan(name, paths, steps, seed, tissue)
     out = output_folder(out)
     begin = time.perf_counter()
     figures: dict[str, tuple[Any, str]] = {}
@@ -85,7 +87,7 @@ def study_sampling(
         file = data or out / f"data-{name}.h5"
         if given is None:
             say(f"{name}: sampling {paths} paths of {steps} points")
-            sample(file, load=name, paths=paths, steps=steps, bar_force=bar_force, seed=seed, plots=plots)
+            sample(file, load=name, paths=paths, steps=steps, tissue=tissue, seed=seed, plots=plots)
         folder = dd or out / f"dd-{name}"
         if dd is None:
             _solve(folder, file, name, elements, plots, say)

@@ -12,7 +12,8 @@ from scipy.spatial import cKDTree
 
 from tsg_micro.cells.lattice import box_cells, lattice, side_nodes, spheroid_cells
 from tsg_micro.cells.structure import from_arrays, member_vectors
-from tsg_micro.cells.unit_cell import BAR, SQUARE_TENDON, unit_cell
+from tsg_micro.cells.truncated_octahedron import unit_cell
+from tsg_micro.cells.unit_cell import BAR, SQUARE_TENDON
 from tsg_micro.data.errors import InputError
 
 CELL = st.tuples(*[st.integers(-2, 2)] * 3)

@@ -15,13 +15,13 @@ from tsg_micro.cells.prestress import (
     force_density_of_cells,
     prestressed,
     self_stress,
-    self_stress_counts,
     with_bar_force,
     with_force_density,
 )
 from tsg_micro.cells.structure import equilibrium_matrix, member_vectors
 from tsg_micro.data.errors import InputError
 from tsg_micro.equilibrium.members import MemberSystem
+from tsg_micro.equilibrium.self_stress_counts import self_stress_counts
 
 
 def imbalance(structure, q):

@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from tsg_micro.cells.lattice import box_cells, lattice
 from tsg_micro.cells.parameters import CellParameters
 from tsg_micro.cells.prestress import self_stress
-from tsg_micro.cells.unit_cell import BAR, EDGE_TENDON, SQUARE_TENDON, unit_cell
+from tsg_micro.cells.truncated_octahedron import unit_cell
+from tsg_micro.cells.unit_cell import BAR, EDGE_TENDON, SQUARE_TENDON
 from tsg_micro.data.errors import InputError
 
 SHAPES = st.floats(0.05, 0.95)

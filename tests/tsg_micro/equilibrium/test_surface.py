@@ -10,7 +10,7 @@ from tsg_micro.cells.lattice import box_cells, lattice, spheroid_cells
 from tsg_micro.cells.parameters import CellParameters
 from tsg_micro.cells.prestress import force_density_of_owners, prestressed
 from tsg_micro.cells.structure import member_vectors
-from tsg_micro.cells.unit_cell import unit_cell
+from tsg_micro.cells.truncated_octahedron import unit_cell
 from tsg_micro.continuum.homogenise import block_fields, kirchhoff_stress
 from tsg_micro.continuum.radial_profiles import (
     bar_force_profile,

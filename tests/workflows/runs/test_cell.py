@@ -12,7 +12,7 @@ import meshio
 import numpy as np
 import pytest
 
-from tsg_micro.cells.unit_cell import unit_cell
+from tsg_micro.cells.truncated_octahedron import unit_cell
 from workflows.experiments import published, sources
 from workflows.runs.cell import DEFAULT_BAND, cell
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from tsg_micro.cells.unit_cell import KINDS
+from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.data.dataset import read_dataset
 from tsg_micro.data.mandel import from_mandel, to_mandel
 
@@ -78,6 +79,7 @@ def test_sample_summary_figure_and_append(tsgdd, read_summary, is_png, tmp_path)
     assert 0 < summary["seconds"] < 60
     assert summary["units"]["seconds"] == "s"
     assert is_png(tmp_path / "d.png")
+    assert RVESpec.of(first) == (RVESpec(),)
     again = tsgdd(*few, "--append", "--no-plots")
     assert again.code == 2
     assert "seed: expected another" in again.err
