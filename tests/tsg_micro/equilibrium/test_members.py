@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -54,6 +54,8 @@ def test_force_and_tangent_are_derivatives(kind, slack, seed, amplitude):
     scale = np.abs(state.force).max() * CELL.height
     slope = difference(lambda x: system.energy(system.state(x)), y, direction, 1e-6)
     assert slope == pytest.approx(force @ direction, rel=1e-6, abs=1e-6 * scale)
+    ends = [system.state(y + step * direction).stiffness == 0.0 for step in (-1e-6, 1e-6)]
+    assume(np.array_equal(*ends))  # no derivative where a tendon goes slack in between
     change = difference(lambda x: system.gradient(system.state(x)), y, direction, 1e-6)
     product = system.tangent_product(state, direction[:, None])[:, 0]
     for part in (slice(None, system.nodal_size), slice(system.nodal_size, None)):  # N and J: apart
