@@ -81,17 +81,16 @@ class Chain:
         folder = stages.run(
             name or f"data-{load}",
             {**chosen, "bar_force": self.bar_force},
-            lambda out: sample(out / "data.h5", tissue=Tissue(bar_force=self.bar_force), **chosen),
+            lambda out: sample(out / "data.h5", tissue=self.tissue, **chosen),
         )
         return folder / "data.h5"
 
     def dns(self, stages: Stages, load: str, say: Callable[[str], None], *, flat: bool = True) -> Path:
         """The folder of the full tensegrity; computed unless it is there."""
-        from tsg_micro.cells.tissue import Tissue
         from workflows.runs.dns import dns
 
         scene: dict[str, Any] = {"blocks": self.blocks, "load": load, "strain": self.strain, "flat": flat}
-        run = partial(dns, **scene, tissue=Tissue(bar_force=self.bar_force), say=say)
+        run = partial(dns, **scene, tissue=self.tissue, say=say)
         return stages.run(f"dns-{load}" + "-free" * (not flat), {**scene, "bar_force": self.bar_force}, run)
 
     def fe2(self, stages: Stages, scene: Scene, say: Callable[[str], None]) -> Path:
