@@ -10,12 +10,18 @@ from dd_macro.material.fitting import fit_linear, fit_polynomial, mirrors_of
 from dd_macro.material.laws import FitReport, Law, LinearLaw, PolynomialEnergy
 from dd_macro.material.metric import Metric, isotropic, mean_tangent, metric_from_dataset, secant_modulus
 from dd_macro.material.search import MaterialSearch
+from dd_macro.material.source import Source
 from dd_macro.material.tangent_spaces import TangentSearch
+from dd_macro.methods.adaptive import Adaptation, AdaptiveMethod, AdaptiveResult
+from dd_macro.methods.data_methods import DataMethod, PointMethod, TangentMethod
 from dd_macro.methods.finite_projection import FiniteProjection, FiniteState, biot_dataset, in_space
+from dd_macro.methods.law_method import LawMethod
+from dd_macro.methods.method import Material, Method, Prepared, Watch
 from dd_macro.methods.metric_choice import METRICS, choose_metric, visited_tangent
 from dd_macro.methods.newton import NewtonIteration, ReferenceOptions, ReferenceResult, equilibrium, solve_law
 from dd_macro.methods.points import DataDrivenResult, Iteration, SolverOptions, solve
 from dd_macro.methods.projection import MechanicalState, Projection
+from dd_macro.methods.registry import METHODS
 from dd_macro.methods.second_order import SecondOrderOptions, SecondOrderResult, solve_second_order
 from dd_macro.methods.solution import Solution
 from dd_macro.methods.theory import THEORIES, make_projection, project
@@ -31,12 +37,17 @@ from dd_macro.scene.problem import Problem
 from dd_macro.scene.spaces import GradientOperator, StrainOperator, TangentMatrix
 
 __all__ = [
+    "METHODS",
     "METRICS",
     "SIDES",
     "THEORIES",
+    "Adaptation",
+    "AdaptiveMethod",
+    "AdaptiveResult",
     "BlockStress",
     "Comparison",
     "DataDrivenResult",
+    "DataMethod",
     "Displacement",
     "FieldError",
     "FiniteProjection",
@@ -47,13 +58,18 @@ __all__ = [
     "Iteration",
     "KernelError",
     "Law",
+    "LawMethod",
     "LinearLaw",
     "Load",
+    "Material",
     "MaterialSearch",
     "MechanicalState",
+    "Method",
     "Metric",
     "NewtonIteration",
+    "PointMethod",
     "PolynomialEnergy",
+    "Prepared",
     "Problem",
     "Projection",
     "QuadratureFields",
@@ -63,11 +79,14 @@ __all__ = [
     "SecondOrderResult",
     "Solution",
     "SolverOptions",
+    "Source",
     "StrainOperator",
     "TaggedMesh",
     "TangentMatrix",
+    "TangentMethod",
     "TangentSearch",
     "Traction",
+    "Watch",
     "biot_dataset",
     "box",
     "choose_metric",

@@ -14,7 +14,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from dd_macro import Metric
+from dd_macro.material.metric import Metric
 from dd_macro.parallel import total
 
 __all__ = ["cluster"]

@@ -90,6 +90,11 @@ class ReferenceResult(Solution):
     load_steps: int
     history: tuple[NewtonIteration, ...]
 
+    @property
+    def note(self) -> str:
+        """How it went."""
+        return f"{self.iterations} Newton iterations"
+
     def figures(self) -> dict[str, tuple[Any, str]]:
         """Numbers of the solution for a summary, each with its unit; collective."""
         return super().figures() | {

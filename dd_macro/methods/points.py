@@ -209,6 +209,7 @@ def _result(
         problem=projection.problem,
         metric=projection.metric,
         solver=projection.solver,
+        dataset=search.dataset,
         queries=search.queries,
         skips=search.skips,
         mechanical=z,

@@ -223,6 +223,7 @@ def _result(
         problem=record.projection.problem,
         metric=search.metric,
         solver=record.projection.solver,
+        dataset=search.dataset,
         queries=search.queries,
         skips=search.skips,
         mechanical=z,

@@ -12,6 +12,7 @@ from dd_macro.material.metric import Metric
 from dd_macro.methods.projection import MechanicalState
 from dd_macro.parallel import total
 from dd_macro.scene.problem import Problem
+from tsg_micro.data.dataset import Dataset
 
 __all__ = ["Solution"]
 
@@ -25,7 +26,8 @@ class Solution:
     ``mechanical`` has u, eta, strain and stress; ``material_strain`` (n, 6), ``material_stress`` (n, 6) in Pa are what
     the material answers, ``index`` (n,) the data, -1 where there are none, ``local_distance`` (n,) in sqrt(J/m^3).
     ``distance`` = |y - z| in sqrt(J), ``normalised_distance`` = |y - z| / |z| (paper, Section 4.2), in ``metric``; it
-    is None where the material is a law: its states are the mechanical ones. ``solver`` is that of the linear systems.
+    is None where the material is a law: its states are the mechanical ones. ``solver`` is that of the linear systems,
+    ``dataset`` the data that it was found with.
     """
 
     problem: Problem
@@ -41,6 +43,12 @@ class Solution:
     converged: bool
     reason: str
     solver: str
+    dataset: Dataset | None = None
+
+    @property
+    def note(self) -> str:
+        """How it went."""
+        return f"{self.iterations} iterations"
 
     def reaction(self, side: str) -> Array:
         """Force (3,) in N that the supports of ``side`` exert on the body; collective.
@@ -61,4 +69,4 @@ class Solution:
             "ranks": (operator.comm.size, ""),
             "linear_solver": (self.solver, ""),
         }
-        return found
+        return found if self.dataset is None else found | {"data_points": (len(self.dataset), "")}

@@ -9,53 +9,21 @@ reference state, which all points share at first, and where points see the same 
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass, fields
-
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial import cKDTree
-from threadpoolctl import threadpool_limits
 
-from tsg_micro.continuum.rve import RVE, RVEState, build_rve
+from tsg_micro.continuum.rve import RVE
+from tsg_micro.continuum.warm_states import WarmRVE, WarmStates
 from tsg_micro.data.errors import ConvergenceError, InputError
-from tsg_micro.data.mandel import to_mandel
 
-__all__ = ["Effort", "RVELaw", "sheet_rve", "solution_tree"]
+__all__ = ["RVELaw", "solution_tree"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 _SAME, _NEIGHBOURS = 1e-7, 6
-
-
-def sheet_rve(bar_force: float) -> RVE:
-    """One block of a sheet whose strains are all six prescribed, bar force in N.
-
-    Raises:
-        InputError: the bar force is not valid.
-    """
-    return build_rve(bar_force=bar_force, free=())
-
-
-@dataclass
-class Effort:
-    """What a law has done so far."""
-
-    calls: int = 0
-    points: int = 0
-    """States that were asked for."""
-    solves: int = 0
-    """RVEs that were solved; the others followed a tangent."""
-    iterations: int = 0
-    """Newton iterations of the RVEs."""
-    factorisations: int = 0
-    seconds: float = 0.0
-
-    def numbers(self) -> Array:
-        """All of it as an array, which can be summed over ranks."""
-        return np.array([getattr(self, field.name) for field in fields(self)], dtype=float)
 
 
 class RVELaw:
@@ -66,11 +34,9 @@ class RVELaw:
 
     def __init__(self, rve: RVE) -> None:
         """``rve`` has no free components; it is moved about."""
-        self.rve = rve
-        self.effort = Effort()
-        rve.reset()
-        self._reference = _States.of(rve.solve_strain(np.zeros(6)), rve)
-        self._states: _States | None = None
+        self.rve, self._warm = rve, WarmRVE(rve)
+        self.effort = self._warm.effort
+        self._states: WarmStates | None = None
 
     def stress_and_tangent(self, strain: Array) -> tuple[Array, Array]:
         """Stress (n, 6) and tangent (n, 6, 6) in Pa of the strain (n, 6); point i starts from what it had before.
@@ -80,17 +46,11 @@ class RVELaw:
         Raises:
             ConvergenceError: an RVE lost its equilibrium; what was found until then is kept.
         """
-        begin = time.perf_counter()
-        if self._states is None or len(self._states.strain) != len(strain):
-            self._states = self._reference.repeated(len(strain))
+        if self._states is None or len(self._states) != len(strain):
+            self._states = self._warm.reference.take([0] * len(strain))
         states = self._states
-        try:
-            with threadpool_limits(1):
-                self._update(states, strain)
-        finally:
-            self.effort.calls += 1
-            self.effort.points += len(strain)
-            self.effort.seconds += time.perf_counter() - begin
+        with self.effort.of(len(strain)):
+            self._update(states, strain)
         change = strain - states.strain
         return states.stress + np.einsum("nij,nj->ni", states.tangent, change), states.tangent.copy()
 
@@ -99,7 +59,7 @@ class RVELaw:
         """Number of points whose RVE has negative pivots, which only motions without energy leave."""
         return 0 if self._states is None else int((self._states.negative_pivots > 0).sum())
 
-    def _update(self, states: _States, strain: Array) -> None:
+    def _update(self, states: WarmStates, strain: Array) -> None:
         """Bring every state to within ``_SAME`` of its strain."""
         moving = np.flatnonzero(_distance(strain, states.strain) > _SAME)
         order, parent = solution_tree(strain[moving], states.strain[moving])
@@ -111,18 +71,12 @@ class RVELaw:
             else:
                 states.put(i, self._solve(states, source, strain[i]), 0)
 
-    def _solve(self, states: _States, source: int, strain: Array) -> _States:
+    def _solve(self, states: WarmStates, source: int, strain: Array) -> WarmStates:
         """The state at ``strain``, from that in place ``source``."""
-        solver = self.rve.solver
-        solver.move_to(states.unknowns[source], np.zeros(solver.system.nodal_size))
         try:
-            state = self.rve.solve_strain(strain, rate=states.rate[source])
+            return self._warm.solve(strain, states, source)
         except (ConvergenceError, InputError) as error:  # inside out: a trial that went too far
             raise ConvergenceError(f"RVE at strain {np.array2string(strain, precision=4)}: {error}") from None
-        self.effort.solves += 1
-        self.effort.iterations += state.equilibrium.iterations
-        self.effort.factorisations += state.equilibrium.factorisations
-        return _States.of(state, self.rve)
 
 
 def solution_tree(strain: Array, previous: Array) -> tuple[Index, Index]:
@@ -153,39 +107,3 @@ def solution_tree(strain: Array, previous: Array) -> tuple[Index, Index]:
 
 def _distance(a: Array, b: Array) -> Array:
     return np.asarray(np.linalg.norm(a - b, axis=-1))
-
-
-@dataclass(frozen=True)
-class _States:
-    """States of n points, about 11 kB each for one block; every array has a leading axis n."""
-
-    strain: Array
-    unknowns: Array
-    rate: NDArray[np.float32]
-    """Single precision: it only makes a first guess."""
-    stress: Array
-    tangent: Array
-    negative_pivots: Index
-
-    @classmethod
-    def of(cls, state: RVEState, rve: RVE) -> _States:
-        """The state in which ``rve`` is now, of one point."""
-        assert state.tangent is not None
-        assert state.rate is not None
-        return cls(
-            state.strain[None],
-            rve.solver.y[None].copy(),
-            state.rate[None].astype(np.float32),
-            to_mandel(state.first_piola)[None],
-            state.tangent[None],
-            np.array([state.equilibrium.negative_pivots or 0]),
-        )
-
-    def repeated(self, n: int) -> _States:
-        """The first state, n times."""
-        return _States(*(np.repeat(getattr(self, field.name)[:1], n, axis=0) for field in fields(self)))
-
-    def put(self, i: int, other: _States, k: int) -> None:
-        """State k of ``other`` in place i."""
-        for field in fields(self):
-            getattr(self, field.name)[i] = getattr(other, field.name)[k]

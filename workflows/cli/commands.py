@@ -174,16 +174,22 @@ def solve(
         Measure | None,
         typer.Option(help="Stress to solve in, else the data's; in finite strain to write, else first_piola."),
     ] = None,
-    max_iterations: Annotated[int, typer.Option(help="Fixed-point iterations at most.")] = 300,
-    over_relaxation: Annotated[float, typer.Option(help="Factor w of a query at y + w (z - y), 1 <= w < 2.")] = 1.7,
+    max_iterations: Annotated[
+        int | None, typer.Option(help="Iterations at most; 300 with order 1, 1000 with order 2 if not given.")
+    ] = None,
+    over_relaxation: Annotated[
+        float | None,
+        typer.Option(help="Of order 1: factor w of a query at y + w (z - y), 1 <= w < 2; 1.7 if not given."),
+    ] = None,
     plots: Plots = True,
 ) -> None:
     """Data-driven solution of a sheet; runs on any number of ranks (mpirun -n N tsgdd solve ...)."""
-    import dd_macro
-    from workflows.runs.adapt import adaptation
+    from tsg_micro.cells.tissue import Tissue
+    from workflows.runs.adaptation import adaptation
     from workflows.runs.scene import Scene
     from workflows.runs.solve import solve as run
 
+    tissue = None if bar_force is None else Tissue(bar_force=bar_force)
     summary = run(
         out,
         data=data,
@@ -191,8 +197,10 @@ def solve(
         metric=metric,
         order=order,
         stress_measure=None if stress_measure is None else stress_measure.value,
-        options=dd_macro.SolverOptions(max_iterations=max_iterations, over_relaxation=over_relaxation),
-        adaptation=adaptation(adapt, bar_force=bar_force, rve_budget=rve_budget, adapt_tolerance=adapt_tolerance),
+        max_iterations=max_iterations,
+        over_relaxation=over_relaxation,
+        tissue=tissue,
+        adaptation=adaptation(adapt, tissue=tissue, rve_budget=rve_budget, adapt_tolerance=adapt_tolerance),
         plots=plots,
         say=say,
     )

@@ -43,13 +43,14 @@ def fe2(
 ) -> None:
     """FE2, an RVE at every quadrature point instead of data; on any number of ranks (mpirun -n N tsgdd fe2 ...)."""
     import dd_macro
+    from tsg_micro.cells.tissue import Tissue
     from workflows.runs.fe2 import fe2 as run
     from workflows.runs.scene import Scene
 
     summary = run(
         out,
         scene=Scene(load.value, strain, elements, mesh, kinematics.value, clamp.value, degree, flat),
-        bar_force=bar_force,
+        tissue=Tissue(bar_force=bar_force),
         steps=steps,
         options=dd_macro.ReferenceOptions(tolerance=tolerance),
         plots=plots,

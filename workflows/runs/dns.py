@@ -25,7 +25,7 @@ from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from tsg_micro.data.mandel import pressure, von_mises
 from tsg_micro.equilibrium.linear_solvers import choose_backend
-from workflows.runs.loads import check_load, top_displacement
+from workflows.runs.loads import LOADS, check_load
 from workflows.store.checkpoint import (
     Checkpoint,
     LoadStep,
@@ -66,7 +66,7 @@ def dns(
     check_load(load, strain)
     if min(blocks) < 1 or steps < 1:
         raise InputError(f"blocks, steps: expected at least 1, got {blocks[0]} {blocks[1]} and {steps}")
-    sheet, motion = Sheet(blocks, 2, tissue, flat, linear_solver), top_displacement(load, 1.0, 1.0)
+    sheet, motion = Sheet(blocks, 2, tissue, flat, linear_solver), LOADS[load].top_displacement(1.0, 1.0)
     _check_memory(sheet)
     out = output_folder(out)
     (out / "summary.json").unlink(missing_ok=True)  # an older run's

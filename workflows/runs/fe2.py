@@ -15,10 +15,11 @@ from mpi4py import MPI
 
 import dd_macro as dd
 from dd_macro.parallel import together, total
-from tsg_micro.continuum.rve_law import RVELaw, sheet_rve
+from tsg_micro.cells.tissue import Tissue
+from tsg_micro.continuum.rve_law import RVELaw
+from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
-from workflows.runs.loads import LOADS
 from workflows.runs.scene import Scene
 from workflows.store.record import peak_memory, write_summary
 
@@ -32,13 +33,13 @@ def fe2(
     out: Path,
     *,
     scene: Scene,
-    bar_force: float,
+    tissue: Tissue | None = None,
     steps: int = 1,
     options: dd.ReferenceOptions | None = None,
     plots: bool = True,
     say: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
-    """Solve ``scene`` with an RVE of bar force ``bar_force`` (N) at every quadrature point, in ``steps`` load steps.
+    """Solve ``scene`` with an RVE of ``tissue`` at every quadrature point, in ``steps`` load steps.
 
     Writes quadrature.h5, fields.vtkhdf, figures and summary.json into ``out``, as ``tsgdd solve`` does; the material
     state is the mechanical one.
@@ -47,65 +48,63 @@ def fe2(
         InputError: an argument is not valid.
         ConvergenceError: Newton's method did not converge.
     """
-    comm = MPI.COMM_WORLD
+    comm, tissue = MPI.COMM_WORLD, tissue or Tissue()
     if steps < 1:
         raise InputError(f"steps: expected at least 1, got {steps}")
     begin = time.perf_counter()
-    law = RVELaw(sheet_rve(bar_force))
+    law = RVELaw(RVESpec(tissue, free=()).build())
     together(comm, lambda: output_folder(out) if comm.rank == 0 else None)
 
-    domain = scene.build(comm)
-    operator = scene.operator(domain)
-    conditions = scene.conditions(domain)
-    points = int(total(comm, len(operator.weights)))
-    say(f"{operator.global_dofs} unknowns, {points} RVEs on {comm.size} rank{'s' * (comm.size > 1)}")
+    problem = scene.problem(comm, tissue)
+    points = int(total(comm, len(problem.operator.weights)))
+    ranks = f"{comm.size} rank{'s' * (comm.size > 1)}"
+    say(f"{problem.operator.global_dofs} unknowns, {points} RVEs on {ranks}")
     ready = time.perf_counter()
-
-    def progress(it: dd.NewtonIteration) -> None:
-        seconds = time.perf_counter() - ready
-        say(f"load {it.load:.4g}, step {it.step:.4g}: residual {it.residual:.2e}, {seconds:.0f} s")
-
-    result = dd.solve_law(operator, law, conditions, steps=steps, options=options, progress=progress)
+    method = dd.LawMethod(steps=steps, options=options or dd.ReferenceOptions())
+    solution = method.prepare(problem, dd.Material(law=law)).solve(watch=dd.Watch(say))
     done = time.perf_counter()
 
-    dd.write_solution(out, result, stress_measure=MEASURE)
-    numbers = law.effort.numbers()
-    _, asked, solves, iterations, factorisations, seconds_rve = total(comm, numbers)
-    slowest = comm.allreduce(float(numbers[-1]), MPI.MAX)
+    dd.write_solution(out, solution, stress_measure=MEASURE)
     figures = {
-        **result.figures(),
-        "top_force": (float(result.reactions["top"][LOADS[scene.load]]), "N"),
-        "rve_solves": (int(solves), ""),
-        "rve_states_asked": (int(asked), ""),
-        "rve_newton_iterations": (int(iterations), ""),
-        "rve_factorisations": (int(factorisations), ""),
-        "rve_unknowns": (law.rve.solver.newton.pattern.size, ""),
-        "rve_linear_solver": (law.rve.solver.newton.choice.backend, ""),
-        "unstable_rves": (int(total(comm, law.unstable)), ""),
+        **solution.figures(),
+        **_rve_figures(comm, law),
+        "top_force": (scene.top_force(solution), "N"),
         "stress_measure": (MEASURE, ""),
         "seconds": (done - begin, "s"),
         "seconds_setup": (ready - begin, "s"),
-        "seconds_rve": (slowest, "s"),
-        "seconds_rve_all_ranks": (float(seconds_rve), "s"),
-        "rank_imbalance": (slowest * comm.size / float(seconds_rve), "slowest rank over mean"),
         "peak_memory": (comm.allreduce(peak_memory(), MPI.MAX), "B"),
     }
-    parameters = {
-        **scene.parameters(),
-        "bar_force": bar_force,
-        "steps": steps,
-    }
+    parameters = {**scene.parameters(), "bar_force": tissue.bar_force, "steps": steps}
     summary = None
     if comm.rank == 0:
         summary = write_summary(out, command="fe2", parameters=parameters, figures=figures)
         if plots:
-            _draw(out, result.history)
+            _draw(out, solution)
     return comm.bcast(summary)
 
 
-def _draw(out: Path, history: tuple[dd.NewtonIteration, ...]) -> None:
+def _rve_figures(comm: MPI.Comm, law: RVELaw) -> dict[str, tuple[Any, str]]:
+    """What the RVEs of all ranks did; collective."""
+    numbers, newton = law.effort.numbers(), law.rve.solver.newton
+    _, asked, solves, iterations, factorisations, seconds = total(comm, numbers)
+    slowest = comm.allreduce(float(numbers[-1]), MPI.MAX)
+    return {
+        "rve_solves": (int(solves), ""),
+        "rve_states_asked": (int(asked), ""),
+        "rve_newton_iterations": (int(iterations), ""),
+        "rve_factorisations": (int(factorisations), ""),
+        "rve_unknowns": (newton.pattern.size, ""),
+        "rve_linear_solver": (newton.choice.backend, ""),
+        "unstable_rves": (int(total(comm, law.unstable)), ""),
+        "seconds_rve": (slowest, "s"),
+        "seconds_rve_all_ranks": (float(seconds), "s"),
+        "rank_imbalance": (slowest * comm.size / float(seconds), "slowest rank over mean"),
+    }
+
+
+def _draw(out: Path, solution: dd.Solution) -> None:
     """Figures from the written file; rank 0 only, nothing is gathered."""
-    from dd_macro.results.figures import plot_newton
+    from dd_macro.results.history_figures import history_figures
     from tsg_micro.data.figure_style import plot_maps, save_figure
 
     fields = dd.read_quadrature(out / "quadrature.h5")
@@ -114,4 +113,5 @@ def _draw(out: Path, history: tuple[dd.NewtonIteration, ...]) -> None:
         "effective stress $q$": (fields.cell_mean(fields.mechanical_q), "Pa"),
     }
     save_figure(plot_maps(fields.corners[:, :4, :2], maps), out / "fields.png")
-    save_figure(plot_newton(history), out / "convergence.png")
+    for name, figure in history_figures(solution).items():
+        save_figure(figure, out / f"{name}.png")

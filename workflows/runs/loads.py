@@ -1,19 +1,45 @@
-"""The paper's two macroscopic loads (Section 4.2): the bottom side (y = 0) is held, the top side is moved."""
+"""The macroscopic loads by name (paper, Section 4.2): the bottom side (y = 0) is held, the top side is moved."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from tsg_micro.data.errors import InputError
 
-__all__ = ["LOADS", "SYMBOLS", "check_load", "check_reach", "nominal_component", "top_displacement"]
-
-LOADS = {"stretch": 1, "shear": 0}
-"""Load to the axis along which the top side moves; its other displacements are zero."""
+__all__ = ["LOADS", "SheetLoad", "check_load", "check_reach"]
 
 
-SYMBOLS = {"stretch": "p", "shear": "q"}
-"""The stress that a load is judged by (paper, Section 4.2): pressure p or effective stress q."""
+@dataclass(frozen=True)
+class SheetLoad:
+    """The top side moves along ``axis`` by the strain times the height of the sheet; its other displacements are zero.
+
+    The load is judged by ``symbol``, pressure p or effective stress q. If it were homogeneous, ``component`` of the
+    small strain would be ``share`` of the strain; ``box`` of tsg_micro.BOXES has data for it.
+    """
+
+    axis: int
+    symbol: str
+    component: str
+    share: float
+    box: str
+
+    def top_displacement(self, strain: float, height: float) -> tuple[float, float, float]:
+        """Displacement of the top side, m: ``strain`` times the ``height`` of the sheet along y."""
+        u = [0.0, 0.0, 0.0]
+        u[self.axis] = strain * height
+        return (u[0], u[1], u[2])
+
+    def nominal(self, strain: float) -> float:
+        """Value of the tensor component of the small strain."""
+        return self.share * strain
+
+
+LOADS = {
+    "stretch": SheetLoad(axis=1, symbol="p", component="yy", share=1.0, box="stretch"),
+    "shear": SheetLoad(axis=0, symbol="q", component="xy", share=0.5, box="shear"),
+}
+"""A new load is a line here: runs, studies, report and figures take what there is."""
 
 
 def check_load(load: str, strain: float) -> None:
@@ -24,21 +50,11 @@ def check_load(load: str, strain: float) -> None:
         raise InputError(f"strain: expected a number between -0.5 and 1 other than 0, got {strain}")
 
 
-def top_displacement(load: str, strain: float, height: float) -> tuple[float, float, float]:
-    """Displacement of the top side, m: ``strain`` times the ``height`` of the sheet along y."""
-    u = [0.0, 0.0, 0.0]
-    u[LOADS[load]] = strain * height
-    return (u[0], u[1], u[2])
-
-
-def nominal_component(load: str, strain: float) -> tuple[str, float]:
-    """Name and value of the tensor component of the small strain that the load would cause if it were homogeneous."""
-    return ("yy", strain) if load == "stretch" else ("xy", 0.5 * strain)
-
-
-def check_reach(name: str, value: float, low: float, high: float) -> None:
+def check_reach(load: str, strain: float, low: float, high: float) -> None:
     """Raise InputError where the nominal strain component is outside the range of the data."""
+    value = LOADS[load].nominal(strain)
     if not low <= value <= high:
         raise InputError(
-            f"strain: expected a nominal eps_{name} within the data's range [{low:.4g}, {high:.4g}], got {value:.4g}"
+            f"strain: expected a nominal eps_{LOADS[load].component} within the data's range [{low:.4g}, {high:.4g}], "
+            f"got {value:.4g}"
         )

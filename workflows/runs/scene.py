@@ -10,24 +10,16 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 import dd_macro as dd
-from tsg_micro.data.dataset import Dataset, convert_dataset, read_dataset
+from tsg_micro.cells.tissue import Tissue
+from tsg_micro.continuum.rve_spec import RVESpec
+from tsg_micro.data.dataset import Dataset, read_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import from_mandel
-from workflows.runs.loads import check_load, check_reach, nominal_component, top_displacement
+from workflows.runs.loads import LOADS, check_load, check_reach
 
-__all__ = [
-    "BLOCK",
-    "CLAMPS",
-    "KINEMATICS",
-    "Scene",
-    "make_metric",
-    "read_material",
-    "with_tangents",
-]
+__all__ = ["CLAMPS", "KINEMATICS", "Scene", "read_material", "tissue_of"]
 
-BLOCK = 20e-6
-"""Edge of a 2x2x2-cell block, m (paper: cell height 10 um)."""
-KINEMATICS = ("small", "finite")
+KINEMATICS = tuple(dd.THEORIES)
 CLAMPS = ("full", "inplane")
 
 
@@ -58,25 +50,32 @@ class Scene:
         if (self.elements is None) == (self.mesh is None):
             raise InputError("elements, mesh: expected one of them, --elements NX NY NZ or --mesh FILE.msh")
 
-    def build(self, comm: MPI.Comm) -> dd.TaggedMesh:
-        """The mesh, distributed over ``comm``."""
+    def build(self, comm: MPI.Comm, tissue: Tissue | None = None) -> dd.TaggedMesh:
+        """The mesh, distributed over ``comm``; an element is a block of ``tissue``, the default one if None."""
         if self.mesh is not None:
             return dd.read_msh(self.mesh, comm)
         assert self.elements is not None
-        return dd.box(comm, elements=self.elements, size=tuple(BLOCK * n for n in self.elements))  # type: ignore[arg-type]
+        block = (tissue or Tissue()).block
+        return dd.box(comm, elements=self.elements, size=tuple(block * n for n in self.elements))  # type: ignore[arg-type]
 
-    def operator(self, domain: dd.TaggedMesh) -> dd.StrainOperator:
-        """B and W of the mesh, of its strains or of its gradients."""
-        return {"small": dd.StrainOperator, "finite": dd.GradientOperator}[self.kinematics](domain, degree=self.degree)
+    def problem(self, comm: MPI.Comm, tissue: Tissue | None = None) -> dd.Problem:
+        """What is held and moved, on the mesh; collective.
 
-    def conditions(self, domain: dd.TaggedMesh) -> list[dd.Displacement]:
+        Raises:
+            InputError: as :meth:`supports`, or the mesh is not valid.
+        """
+        domain = self.build(comm, tissue)
+        operator = dd.THEORIES[self.kinematics].operator(domain, degree=self.degree)
+        return dd.Problem(operator, self.supports(domain))
+
+    def supports(self, domain: dd.TaggedMesh) -> list[dd.Displacement]:
         """Bottom side held, top side moved by the strain times the height of the mesh; collective.
 
         Raises:
             InputError: a flat sheet without a side called back.
         """
         bottom, top = _extent(domain, 1)
-        moved = top_displacement(self.load, self.strain, top - bottom)
+        moved = LOADS[self.load].top_displacement(self.strain, top - bottom)
         if self.flat and "back" not in domain.names:
             raise InputError(f"flat: expected a side named back in the mesh, got {', '.join(sorted(domain.names))}")
         back = [dd.Displacement("back", (0.0,), (2,))] if self.flat else []
@@ -84,6 +83,10 @@ class Scene:
             return [*back, dd.Displacement("bottom"), dd.Displacement("top", value=moved)]
         in_plane = [dd.Displacement("bottom", (0.0, 0.0), (0, 1)), dd.Displacement("top", moved[:2], (0, 1))]
         return [*in_plane, *(back or _lower_edges(domain))]
+
+    def top_force(self, solution: dd.Solution) -> float:
+        """Force in N along which the top side moves, that of its support; collective."""
+        return float(solution.reaction("top")[LOADS[self.load].axis])
 
     def parameters(self) -> dict[str, object]:
         """For the summary."""
@@ -107,42 +110,25 @@ def _extent(domain: dd.TaggedMesh, axis: int) -> tuple[float, float]:
     return low, domain.comm.allreduce(float(np.max(x, initial=-np.inf)), MPI.MAX)
 
 
-def make_metric(
-    name: str, operator: dd.StrainOperator, dataset: Dataset, conditions: list[dd.Displacement], *, order: int = 1
-) -> dd.Metric:
-    """dd_macro.choose_metric."""
-    return dd.choose_metric(name, dd.Problem(operator, conditions), dataset, order=order)
-
-
 def read_material(data: Path, scene: Scene, stress_measure: str | None = None) -> Dataset:
-    """The data in the measure asked for; InputError where they do not reach the nominal strain of the scene.
+    """The data as the kinematics of the scene and the measure want them.
 
-    In finite strain they are Biot strains and stresses, whatever the measure.
-    Data that were adapted to this load, up to this strain or more, hold what its scene needs, whatever their range.
+    Raises:
+        InputError: the file is not valid, or its data do not reach the nominal strain of the scene; those that were
+            adapted to this load, up to this strain or more, hold what its scene needs, whatever their range.
     """
-    dataset = read_dataset(data)
-    if scene.kinematics == "finite":
-        dataset = dd.biot_dataset(dataset)
-    else:
-        dataset = convert_dataset(dataset, stress_measure or dataset.stress_measure)
+    dataset = dd.THEORIES[scene.kinematics].dataset(read_dataset(data), stress_measure)
     for source in dataset.sources:
         made_for = source.get("adapted")
         if isinstance(made_for, dict) and made_for["load"] == scene.load and 0 < scene.strain / made_for["strain"] <= 1:
             return dataset
-    name, wanted = nominal_component(scene.load, scene.strain)
-    values = from_mandel(dataset.strain)[:, "xyz".index(name[0]), "xyz".index(name[1])]
-    check_reach(name, wanted, float(values.min()), float(values.max()))
+    i, j = ("xyz".index(axis) for axis in LOADS[scene.load].component)
+    values = from_mandel(dataset.strain)[:, i, j]
+    check_reach(scene.load, scene.strain, float(values.min()), float(values.max()))
     return dataset
 
 
-def with_tangents(dataset: Dataset) -> Dataset:
-    """The data with their tangents, estimated from 16 neighbours, or all the others, where there are none.
-
-    Raises:
-        InputError: less than four data without tangents.
-    """
-    if dataset.tangent is not None:
-        return dataset
-    if len(dataset) < 4:
-        raise InputError(f"data: expected tangents, or at least 4 points to estimate them from, got {len(dataset)}")
-    return dd.estimate_tangents(dataset, neighbours=min(16, len(dataset) - 1))
+def tissue_of(dataset: Dataset | None) -> Tissue | None:
+    """The first tissue that the data are from; None of measured data."""
+    specs = () if dataset is None else RVESpec.of(dataset)
+    return specs[0].tissue if specs else None

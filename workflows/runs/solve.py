@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,16 +12,106 @@ from mpi4py import MPI
 
 import dd_macro as dd
 from dd_macro.methods.metric_choice import check_metric
-from dd_macro.parallel import together, total
-from tsg_micro.data.dataset import Dataset, convert_dataset, read_dataset, write_dataset
+from dd_macro.parallel import together
+from tsg_micro.cells.tissue import Tissue
+from tsg_micro.continuum.rve_spec import RVESpec
+from tsg_micro.data.dataset import Dataset, read_dataset, write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
-from workflows.runs.adapt import Adaptation, Adapted, adapt, known_bar_force
-from workflows.runs.loads import LOADS
-from workflows.runs.scene import Scene, make_metric, read_material, with_tangents
+from workflows.runs.adaptation import rve_of, source_for
+from workflows.runs.scene import Scene, read_material, tissue_of
 from workflows.store.record import peak_memory, write_summary
 
 __all__ = ["solve"]
+
+_OF_ORDER = {1: "classical", 2: "second order"}
+_ITERATIONS = {"classical": 300}
+"""At most, where nothing is asked for and it is not what the method has."""
+_LEAST = 4
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What is asked for; see :func:`solve`."""
+
+    data: Path | None
+    scene: Scene
+    metric: str
+    order: int | None
+    stress_measure: str | None
+    max_iterations: int | None
+    over_relaxation: float | None
+    tissue: Tissue | None
+    adaptation: dd.Adaptation | None
+    name: str | None
+
+    @property
+    def tangents(self) -> int:
+        """The order of the data."""
+        return self.order or (1 if self.adaptation is None else 2)
+
+    def method(self) -> dd.Method:
+        """The method with its numbers.
+
+        Raises:
+            InputError: there is no such method or order, or it has no such number.
+        """
+        check_metric(self.metric)
+        if self.tangents not in (1, 2) or (self.adaptation is not None and self.tangents == 1):
+            wanted = "1 or 2" if self.adaptation is None else "2 with --adapt"
+            raise InputError(f"order: expected {wanted}, got {self.tangents}")
+        name = self.name or _OF_ORDER[self.tangents]
+        if name not in dd.METHODS:
+            raise InputError(f"method: expected one of {', '.join(dd.METHODS)}, got {name!r}")
+        method = dd.METHODS[name] if self.adaptation is None else dd.AdaptiveMethod(self.adaptation)
+        iterations = self.max_iterations
+        if iterations is None and self.adaptation is None:
+            iterations = _ITERATIONS.get(name)
+        return method.tuned(max_iterations=iterations, over_relaxation=self.over_relaxation)
+
+    def read(self) -> tuple[Dataset | None, RVESpec | None]:
+        """The data to start from, if there are, and the RVE that makes more, if that is asked for.
+
+        Raises:
+            InputError: they will not do.
+        """
+        if self.adaptation is None:
+            if self.data is None:
+                raise InputError("data: expected a file, or --adapt with --bar-force, got neither")
+            dataset = read_material(self.data, self.scene, self.stress_measure)
+            if self.tangents == 2 and dataset.tangent is None and len(dataset) < _LEAST:
+                raise InputError(
+                    f"data: expected tangents, or at least {_LEAST} points to estimate them from, got {len(dataset)}"
+                )
+            return dataset, None
+        raw = None if self.data is None else read_dataset(self.data)
+        rve = rve_of(self.tissue, raw)
+        if raw is None and self.metric == "secant":
+            raise InputError("metric: expected auto, tangent or visited where there are no data, got 'secant'")
+        theory = dd.THEORIES[self.scene.kinematics]
+        return None if raw is None else theory.dataset(raw, self.stress_measure), rve
+
+    def prepare(self, comm: MPI.Comm, dataset: Dataset | None, rve: RVESpec | None) -> dd.Prepared:
+        """Mesh, metric, matrix and search; collective."""
+        problem = self.scene.problem(comm, tissue_of(dataset) if rve is None else rve.tissue)
+        source = None if rve is None else source_for(self.scene, rve, problem)
+        measure = dd.THEORIES[self.scene.kinematics].solved(self.stress_measure)
+        material = dd.Material(dataset, self.metric, source=source, measure=measure)
+        return self.method().prepare(problem, material)
+
+    def parameters(self, dataset: Dataset) -> dict[str, Any]:
+        """For the summary."""
+        plan = self.adaptation
+        force = None if self.tissue is None else self.tissue.bar_force
+        return {
+            "data": self.data,
+            **self.scene.parameters(),
+            "metric": self.metric,
+            "order": self.tangents,
+            "stress_measure": self.stress_measure,
+            "adaptation": None if plan is None else {"bar_force": force, **asdict(plan)},
+            "bar_force": dataset.parameters.get("bar_force"),
+        }
 
 
 def solve(
@@ -32,149 +122,69 @@ def solve(
     metric: str = "auto",
     order: int | None = None,
     stress_measure: str | None = None,
-    options: dd.SolverOptions | None = None,
-    adaptation: Adaptation | None = None,
+    max_iterations: int | None = None,
+    over_relaxation: float | None = None,
+    tissue: Tissue | None = None,
+    adaptation: dd.Adaptation | None = None,
+    method: str | None = None,
     plots: bool = True,
     say: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
     """Solve ``scene`` with the material data of the file ``data``; all ranks of the world take part.
 
     With ``order`` 1 a datum is a point, with 2 its tangent space; data without tangents get estimated ones then. With
-    ``adaptation`` the scene decides which RVEs are computed as more data, and ``data`` may be None; the order is 2.
-
-    In small strain ``stress_measure`` is the stress to solve in, that of the data if None; in finite strain it is the
-    one to write, first Piola if None. Writes quadrature.h5, fields.vtkhdf, figures and summary.json into ``out``, with
-    ``adaptation`` data.h5 too.
+    ``adaptation`` the scene decides which RVEs of ``tissue``, that of the data if None, are computed as more data, and
+    ``data`` may be None; the order is 2. ``method`` is another of dd_macro.METHODS. In small strain ``stress_measure``
+    is the stress to solve in, that of the data if None; in finite strain the one to write, first Piola if None. Writes
+    quadrature.h5, fields.vtkhdf, figures and summary.json into ``out``, with ``adaptation`` data.h5 too.
 
     Raises:
         InputError: an argument or a file is not valid, or the scene's strain is outside the data.
         ConvergenceError: the fixed-point iteration or a linear solve did not converge.
     """
-    comm = MPI.COMM_WORLD
-    check_metric(metric)
-    order = order or (1 if adaptation is None else 2)
-    if order not in (1, 2) or (adaptation is not None and order == 1):
-        raise InputError(f"order: expected {'1 or 2' if adaptation is None else '2 with --adapt'}, got {order}")
-    dataset = together(comm, lambda: _material(data, scene, metric, stress_measure, adaptation))
-    together(comm, lambda: output_folder(out) if comm.rank == 0 else None)
-
-    begin = time.perf_counter()
-    domain = scene.build(comm)
-    operator = scene.operator(domain)
-    conditions = scene.conditions(domain)
-    start = time.perf_counter()
-    ranks = f"{comm.size} rank{'s' * (comm.size > 1)}"
-    most = dd.SecondOrderOptions() if options is None else dd.SecondOrderOptions(options.max_iterations)
-    result: dd.DataDrivenResult
-    search: dd.MaterialSearch
-    adapted: Adapted | None = None
-    if adaptation is not None:
-        chosen = ready = start
-
-        def keep(found: Dataset) -> None:
-            together(comm, lambda: write_dataset(out / "data.h5", found) if comm.rank == 0 else None)
-
-        say(f"{operator.global_dofs} unknowns on {ranks}")
-        measure = "first_piola" if scene.kinematics == "finite" else stress_measure
-        material: dict[str, Any] = {"dataset": dataset, "metric": metric, "measure": measure}
-        adapted = adapt(operator, conditions, adaptation, scene=scene, **material, options=most, keep=keep, say=say)
-        result, dataset, projection, search = adapted.result, adapted.dataset, adapted.projection, adapted.search
-        C = projection.metric
-    else:
-        assert dataset is not None
-        C = make_metric(metric, operator, dataset, conditions, order=order)
-        chosen = time.perf_counter()
-        projection = dd.make_projection(operator, C, conditions)
-        search = dd.MaterialSearch(dataset, C) if order == 1 else dd.TangentSearch(with_tangents(dataset), C)
-        ready = time.perf_counter()
-        say(f"{operator.global_dofs} unknowns on {ranks}, {projection.solver}; metric: {C.reason}")
-        if isinstance(search, dd.TangentSearch):
-            result = dd.solve_second_order(projection, search, options=most)
-        else:
-            result = dd.solve(projection, search, options=options)
-    done = time.perf_counter()
-    say(f"{result.iterations} iterations ({result.reason}), normalised distance {result.normalised_distance:.2%}")
-
-    reaction = projection.reaction(result.mechanical, "top")[LOADS[scene.load]]
-    measure = (stress_measure if scene.kinematics == "finite" else None) or dataset.stress_measure
-    shown = dd.in_space(result, measure)
-    dd.write_quadrature(out / "quadrature.h5", operator, shown, stress_measure=measure)
-    dd.write_vtkhdf(out / "fields.vtkhdf", projection, shown)
-    points = int(total(comm, len(operator.weights)))
-    queries, skips = (int(n) for n in total(comm, [search.queries, search.skips]))
-    figures = {
-        "iterations": (result.iterations, ""),
-        "converged": (result.converged, ""),
-        "reason": (result.reason, ""),
-        "normalised_distance": (result.normalised_distance, "1"),
-        "distance": (result.distance, "sqrt(J)"),
-        "outside_data": (result.outside_data, "fraction of quadrature points"),
-        "top_force": (float(reaction), "N"),
-        "quadrature_points": (points, ""),
-        "data_points": (len(dataset), ""),
-        "dofs": (operator.global_dofs, ""),
-        "ranks": (comm.size, ""),
-        "stress_measure": (measure, ""),
-        "metric": (C.C, "Pa"),
-        "metric_reason": (C.reason, ""),
-        "linear_solver": (projection.solver, ""),
-        "queries": (queries, ""),
-        "queries_skipped": (skips, ""),
-        "distance_history": ([i.distance for i in result.history], "sqrt(J)"),
-        "changed_history": ([i.changed for i in result.history], ""),
-        "seconds": (done - begin, "s"),
-        "seconds_metric": (chosen - start, "s"),
-        "seconds_setup": (ready - begin, "s"),
-        "seconds_search": (sum(i.seconds_search for i in result.history), "s"),
-        "seconds_linear_solves": (sum(i.seconds_solve for i in result.history), "s"),
-        "peak_memory": (peak_memory(), "B"),
-    }
-    if isinstance(result, dd.SecondOrderResult):
-        figures["extrapolated"] = (result.extrapolated, "fraction of quadrature points")
-        figures["held"] = (result.held, "quadrature points")
-    if adapted is not None:
-        figures |= adapted.figures()
-    parameters = {
-        "data": data,
-        **scene.parameters(),
-        "metric": metric,
-        "order": order,
-        "stress_measure": stress_measure,
-        "adaptation": None if adaptation is None else asdict(adaptation),
-        "bar_force": dataset.parameters.get("bar_force"),
-    }
-    summary = None
+    asked = _Asked(
+        *(data, scene, metric, order, stress_measure, max_iterations, over_relaxation, tissue, adaptation, method)
+    )
+    solution, seconds = _solution(asked, out, say)
+    assert solution.dataset is not None
+    measure = dd.THEORIES[scene.kinematics].shown(solution.dataset, stress_measure)
+    dd.write_solution(out, solution, stress_measure=measure)
+    figures = solution.figures() | {"top_force": (scene.top_force(solution), "N"), "stress_measure": (measure, "")}
+    figures |= {"peak_memory": (peak_memory(), "B"), **{name: (value, "s") for name, value in seconds.items()}}
+    summary, comm = None, MPI.COMM_WORLD
     if comm.rank == 0:
+        parameters = asked.parameters(solution.dataset)
         summary = write_summary(out, command="solve", parameters=parameters, figures=figures)
         if plots:
-            _draw(out, result)
-            if adapted is not None:
-                _draw_rounds(out, adapted)
+            _draw(out, solution)
     return comm.bcast(summary)
 
 
-def _material(
-    data: Path | None, scene: Scene, metric: str, stress_measure: str | None, adaptation: Adaptation | None
-) -> Dataset | None:
-    """The data to start from, and whether they will do."""
-    if adaptation is None:
-        if data is None:
-            raise InputError("data: expected a file, or --adapt with --bar-force, got neither")
-        return read_material(data, scene, stress_measure)
-    dataset = None if data is None else read_dataset(data)
-    if dataset is not None and scene.kinematics == "finite":
-        dataset = dd.biot_dataset(dataset)
-    known_bar_force(adaptation, dataset)
-    if dataset is None and metric == "secant":
-        raise InputError("metric: expected auto, tangent or visited where there are no data, got 'secant'")
-    if dataset is not None and scene.kinematics == "small":
-        convert_dataset(dataset, stress_measure or dataset.stress_measure)
-    return dataset
+def _solution(asked: _Asked, out: Path, say: Callable[[str], None]) -> tuple[dd.Solution, dict[str, float]]:
+    """The solution, and what it took."""
+    comm = MPI.COMM_WORLD
+    asked.method()
+    dataset, rve = together(comm, asked.read)
+    together(comm, lambda: output_folder(out) if comm.rank == 0 else None)
+
+    def keep(found: Dataset) -> None:
+        together(comm, lambda: write_dataset(out / "data.h5", found) if comm.rank == 0 else None)
+
+    begin = time.perf_counter()
+    prepared = asked.prepare(comm, dataset, rve)
+    ready = time.perf_counter()
+    chosen = f", {prepared.text}" if prepared.text else ""
+    dofs = prepared.problem.operator.global_dofs
+    say(f"{dofs} unknowns on {comm.size} rank{'s' * (comm.size > 1)}{chosen}")
+    found = prepared.solve(watch=dd.Watch(say, keep))
+    done = time.perf_counter()
+    say(f"{found.iterations} iterations ({found.reason}), normalised distance {found.normalised_distance:.2%}")
+    return found, {"seconds": done - begin, "seconds_metric": prepared.seconds_metric, "seconds_setup": ready - begin}
 
 
-def _draw(out: Path, result: dd.DataDrivenResult) -> None:
+def _draw(out: Path, solution: dd.Solution) -> None:
     """Figures from the written file; rank 0 only, nothing is gathered."""
-    from dd_macro.results.figures import plot_convergence
+    from dd_macro.results.history_figures import history_figures
     from tsg_micro.data.figure_style import plot_maps, save_figure
 
     fields = dd.read_quadrature(out / "quadrature.h5")
@@ -186,14 +196,5 @@ def _draw(out: Path, result: dd.DataDrivenResult) -> None:
         "local distance": (fields.cell_mean(fields.local_distance), r"$\sqrt{\mathrm{J/m^3}}$"),
     }
     save_figure(plot_maps(outline, maps), out / "fields.png")
-    history = result.history
-    figure = plot_convergence([i.distance for i in history], [i.changed for i in history], [i.omega for i in history])
-    save_figure(figure, out / "convergence.png")
-
-
-def _draw_rounds(out: Path, adapted: Adapted) -> None:
-    from dd_macro.results.figures import ROUNDS, plot_rounds
-    from tsg_micro.data.figure_style import save_figure
-
-    rounds = {name: [getattr(one, name) for one in adapted.rounds] for name in ROUNDS}
-    save_figure(plot_rounds([one.data for one in adapted.rounds], rounds), out / "adaptation.png")
+    for name, figure in history_figures(solution).items():
+        save_figure(figure, out / f"{name}.png")

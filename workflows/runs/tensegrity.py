@@ -71,16 +71,15 @@ def read_blocks(dns: Path, measure: str) -> Dataset:
     return blocks
 
 
-def solution_errors(
-    operator: dd.StrainOperator, metric: dd.Metric, result: dd.DataDrivenResult, blocks: Dataset
-) -> Errors:
+def solution_errors(result: dd.Solution, blocks: Dataset) -> Errors:
     """Errors of ``result`` against the tensegrity's ``blocks``, one element a block; on one rank.
 
     Raises:
         InputError: elements and blocks are on different grids.
     """
     assert blocks.midpoint is not None
-    measure = blocks.stress_measure
+    assert result.metric is not None
+    measure, operator = blocks.stress_measure, result.problem.operator
     midpoint = operator.cell_corners.mean(axis=1)
     comparison = dd.compare_blocks(
         dd.BlockStress(midpoint, operator.cell_mean(result.mechanical.stress), measure),
@@ -88,7 +87,7 @@ def solution_errors(
         dd.BlockStress(blocks.midpoint, blocks.stress, measure),
     )
     w, z = operator.weights, result.mechanical
-    gap, size = w * result.local_distance**2, w * (metric.whiten(z.strain, z.stress) ** 2).sum(axis=1)
+    gap, size = w * result.local_distance**2, w * (result.metric.whiten(z.strain, z.stress) ** 2).sum(axis=1)
     inner = np.repeat(dd.interior_blocks(midpoint), operator.points_per_cell)
     return Errors(
         comparison,

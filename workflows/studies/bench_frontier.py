@@ -11,17 +11,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 import dd_macro as dd
+from tsg_micro.cells.tissue import Tissue
 from tsg_micro.data.dataset import take
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.files import output_folder
-from workflows.runs.loads import SYMBOLS
+from workflows.runs.loads import LOADS
 from workflows.runs.scene import Scene
 from workflows.runs.tensegrity import describe, read_blocks
 from workflows.store.record import read_summary, write_summary, write_table
 from workflows.studies.fe2_reference import check_fe2, fe2_parameters
-from workflows.studies.frontier_methods import METHODS, Solution, adaptive
+from workflows.studies.methods import adaptive, entries
 from workflows.studies.one_load import Inputs, Study
 
 __all__ = ["MODELS", "frontier"]
@@ -142,7 +144,7 @@ def frontier(
             "budgets": list(budgets),
         },
         figures={
-            "symbol": (SYMBOLS[load], ""),
+            "symbol": (LOADS[load].symbol, ""),
             "dns_seconds": (full["seconds"], "s"),
             "dns_resumed_after_step": (full["resumed_after_step"], ""),
             "reference": (describe(full), ""),
@@ -186,15 +188,17 @@ def _points_of(
 ) -> Iterator[_Point]:
     """All points of one model; sampling took ``per_datum`` seconds."""
     scene = _of_model(found.scene, MODELS[model])
-    dataset = dd.biot_dataset(found.dataset) if scene.kinematics == "finite" else found.dataset
-    methods = [method for method in METHODS if scene.kinematics in method.kinematics]
-    adapted = partial(adaptive, bar_force=study.chain.bar_force, measure=dataset.stress_measure)
+    dataset = dd.THEORIES[scene.kinematics].dataset(found.dataset, None)
+    methods = [entry for entry in entries() if scene.kinematics in entry.theories]
+    adapted = partial(_adaptive, tissue=study.chain.tissue, measure=dataset.stress_measure)
     point: Callable[..., _Point] = partial(_Point, model=model)
     small, few = dataclasses.replace(scene, elements=(3, 3, 1)), take(dataset, np.arange(min(20, len(dataset))))
-    for run in (*(partial(method.solve, small, few) for method in methods), partial(adapted, small, budget=2)):
+    warm_up: list[Callable[[], dd.Solution]] = [partial(method.solve, small, few) for method in methods]
+    warm_up.append(partial(adapted, small, budget=2))
+    for run in warm_up:
         _timed(run, repeats=1)  # kernels are compiled and libraries loaded before the clock runs
 
-    measure, exact = dataset.stress_measure, None
+    measure, symbol, exact = dataset.stress_measure, LOADS[scene.load].symbol, None
     try:
         folder = fe2 or study.chain.fe2(found.stages, scene, study.say)
     except ConvergenceError as error:
@@ -203,9 +207,9 @@ def _points_of(
         ran, exact = read_summary(folder, "fe2"), _fe2_blocks(folder)
         cost = {"data": ran["rve_solves"], "seconds_sampling": ran["seconds_rve"]}
         note = f"{ran['iterations']} Newton iterations, {ran['ranks']} rank{'s' * (ran['ranks'] > 1)}"
-        own = _References(SYMBOLS[scene.load], _tensegrity(found.dns, exact.stress_measure), None).errors(exact, None)
+        own = _References(symbol, _tensegrity(found.dns, exact.stress_measure), None).errors(exact, None)
         yield point("FE2", **cost, seconds_solve=ran["seconds"] - ran["seconds_rve"], note=note, **own)
-    references = _References(SYMBOLS[scene.load], _tensegrity(found.dns, measure), exact)
+    references = _References(symbol, _tensegrity(found.dns, measure), exact)
 
     order = np.random.default_rng([0, len(dataset)]).permutation(len(dataset))
     for size in sorted({max(1, len(dataset) // 100), max(1, len(dataset) // 10), len(dataset)}):
@@ -216,13 +220,18 @@ def _points_of(
             yield point(method.name, data=size, note=note, **times, **_errors(solution, references, measure))
     for budget in budgets:
         solution, seconds, note = _timed(partial(adapted, scene, budget=budget), repeats=_REPEATS)
-        rve = 0.0 if solution is None else solution.seconds_rve
-        rves = budget if solution is None or solution.rves is None else solution.rves
+        last = None if solution is None else solution.rounds[-1]
+        rves, rve = (budget, 0.0) if last is None else (last.rves, last.seconds_rve)
         times = {"seconds_sampling": rve, "seconds_solve": seconds - rve}
         yield point("adaptive from nothing", data=rves, note=note, **times, **_errors(solution, references, measure))
 
 
-def _timed(run: Callable[[], Solution], *, repeats: int) -> tuple[Solution | None, float, str]:
+def _adaptive(scene: Scene, *, tissue: Tissue, measure: str, budget: int) -> dd.AdaptiveResult:
+    """The adaptive solution, its mesh included."""
+    return adaptive(scene.problem(MPI.COMM_SELF), scene, tissue=tissue, budget=budget, measure=measure)
+
+
+def _timed[S: dd.Solution](run: Callable[[], S], *, repeats: int) -> tuple[S | None, float, str]:
     """The solution, the shortest time in s, and what is to be said of it; None where it failed."""
     solution, shortest, spent = None, np.inf, 0.0
     for _ in range(repeats):
@@ -241,14 +250,14 @@ def _timed(run: Callable[[], Solution], *, repeats: int) -> tuple[Solution | Non
     return solution, shortest, solution.note
 
 
-def _errors(solution: Solution | None, references: _References, measure: str) -> dict[str, float]:
+def _errors(solution: dd.Solution | None, references: _References, measure: str) -> dict[str, float]:
     if solution is None:
         return {}
-    operator, shown = solution.operator, dd.in_space(solution.result, measure)
+    operator, shown = solution.problem.operator, dd.in_space(solution, measure)
     midpoint = operator.cell_corners.mean(axis=1)
     stresses = (shown.mechanical.stress, shown.material_stress)
     mechanical, material = (dd.BlockStress(midpoint, operator.cell_mean(s), measure) for s in stresses)
-    return references.errors(mechanical, material if solution.material else None)
+    return references.errors(mechanical, material if solution.metric is not None else None)
 
 
 def _tensegrity(dns: Path, measure: str) -> dd.BlockStress:
@@ -276,7 +285,7 @@ def _known_fe2(study: Study, folders: Sequence[Path]) -> dict[Model, Path]:
         scene = Scene(study.load, chain.strain, elements=chain.elements)
         if model in MODELS.values():
             scene = _of_model(scene, model)
-        check_fe2(folder, scene, chain.bar_force)
+        check_fe2(folder, scene, chain.tissue)
         if model in known:
             raise InputError(f"fe2: expected one folder of every model, got {known[model]} and {folder}")
         known[model] = folder

@@ -11,7 +11,7 @@ import dd_macro as dd
 from tsg_micro.data.dataset import Dataset, convert_dataset, read_dataset
 from tsg_micro.data.errors import ConvergenceError
 from tsg_micro.data.files import output_folder
-from workflows.runs.loads import SYMBOLS
+from workflows.runs.loads import LOADS
 from workflows.runs.tensegrity import read_blocks
 from workflows.store.record import write_summary, write_table
 from workflows.studies.one_load import COLUMNS, Bench, Inputs, Study, make_bench
@@ -56,7 +56,7 @@ def causes(study: Study, *, plots: bool = True) -> dict[str, Any]:
             study.say(f"{change.cause:14} {change.change:42} did not converge")
             continue
         study.say(
-            f"{change.cause:14} {change.change:42} error of {SYMBOLS[load]}: mechanical {row['error_mech']:6.1%}, "
+            f"{change.cause:14} {change.change:42} error of {LOADS[load].symbol}: mechanical {row['error_mech']:6.1%}, "
             f"material {row['error_mat']:6.1%}; distance {row['distance']:5.1%}, own data {own['distance']:5.1%}"
         )
     write_table(out / "causes.csv", rows)
@@ -79,7 +79,7 @@ def causes(study: Study, *, plots: bool = True) -> dict[str, Any]:
         command="study causes",
         parameters=study.parameters(found),
         figures={
-            "symbol": (SYMBOLS[load], ""),
+            "symbol": (LOADS[load].symbol, ""),
             "rows": (rows, ""),
             "largest_drop": (
                 {name: {"by": by, "change": f"{row['cause']}: {row['change']}"} for name, (by, row) in drops.items()},
@@ -91,7 +91,7 @@ def causes(study: Study, *, plots: bool = True) -> dict[str, Any]:
         from tsg_micro.data.figure_style import save_figure
         from workflows.studies.causes_figure import plot_causes
 
-        save_figure(plot_causes(rows, SYMBOLS[load]), out / "causes.png")
+        save_figure(plot_causes(rows, LOADS[load].symbol), out / "causes.png")
     return summary
 
 

@@ -21,10 +21,10 @@ from dd_macro.methods.projection import relative_distance
 from tsg_micro.data.dataset import Dataset, take
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.files import output_folder
-from workflows.runs.scene import Scene, make_metric, read_material
+from workflows.runs.scene import Scene, read_material
 from workflows.store.record import write_summary, write_table
 from workflows.store.stages import Stages
-from workflows.studies.methods import CLASSICAL, PLAIN, SECOND_ORDER, Classical, Way, on_spaces
+from workflows.studies.methods import grid_methods
 from workflows.studies.one_load import Study
 from workflows.studies.prerequisites import Chain
 
@@ -41,7 +41,6 @@ METRICS = {
 STATES = ("fixed point", "distance settled", "points held", "cycle cut short", "not converged", "not verified")
 """How a solve can end; the last one is a defect. A cycle is cut short where the solve held points, and says so, and the
 state would go on moving by more than ``_LITTLE`` if it did not."""
-_METHODS = CLASSICAL | PLAIN | SECOND_ORDER
 _SAME, _SETTLED = 1e-4, 1e-6
 """Relative changes of a state and of a distance that count as none. The first is small beside what any data leave open,
 and large beside what the metric makes of a tolerance: projections that end with a step of 1e-7 may have 1e-5 to go."""
@@ -102,7 +101,7 @@ def convergence(
             "counts_by_method": (
                 {
                     name: {state: sum(r["state"] == state for r in rows if r["method"] == name) for state in STATES}
-                    for name in _METHODS
+                    for name in dict.fromkeys(row["method"] for row in rows)
                 },
                 "",
             ),
@@ -128,27 +127,26 @@ def _largest(rows: list[dict[str, Any]], name: str, state: str | None = None) ->
 
 def _cells(scene: Scene, dataset: Dataset, sizes: list[int]) -> Iterator[dict[str, Any]]:
     """All cells of one load."""
-    domain = scene.build(MPI.COMM_SELF)
-    operator, conditions = scene.operator(domain), scene.conditions(domain)
+    problem = scene.problem(MPI.COMM_SELF)
     order = np.random.default_rng([0, len(dataset)]).permutation(len(dataset))
     for name, (known, factor) in METRICS.items():
         for size in sizes:
             few = take(dataset, order[:size])
             made: dict[bytes, dd.Projection] = {}
-            for key, method in _METHODS.items():
-                data = method.data(few)
+            for key, method in grid_methods().items():
+                data = method.given(few)
                 try:
-                    metric = make_metric(known, operator, data, conditions, order=method.order)
+                    metric = dd.choose_metric(known, problem, data, order=method.order)
                     metric = dd.Metric(factor * metric.C, metric.reason)
                     at = metric.C.tobytes()
-                    made[at] = made.get(at) or dd.make_projection(operator, metric, conditions)
+                    made[at] = made.get(at) or dd.project(problem, metric)
                     row = _cell(made[at], method, data)
                 except ConvergenceError as error:
                     row = _no(error)
                 yield {"metric": name, "data": size, "method": key} | row
 
 
-def _cell(projection: dd.Projection, method: Way, dataset: Dataset) -> dict[str, Any]:
+def _cell(projection: dd.Projection, method: dd.DataMethod, dataset: Dataset) -> dict[str, Any]:
     """Solve and check.
 
     Raises:
@@ -164,7 +162,7 @@ def _no(error: ConvergenceError) -> dict[str, Any]:
 
 
 def check(
-    projection: dd.Projection, method: Way, search: dd.MaterialSearch, result: dd.DataDrivenResult
+    projection: dd.Projection, method: dd.DataMethod, search: dd.MaterialSearch, result: dd.DataDrivenResult
 ) -> dict[str, Any]:
     """What state (of ``STATES``) the result of ``method`` is in, found anew from its fields, on one rank.
 
@@ -182,16 +180,16 @@ def check(
         row["moved"] = relative_distance(projection.operator, projection.metric, method.once(projection, search, z), z)
         if projection.residual(z.nominal_stress) > _SAME:
             return row
-        if isinstance(method, Classical):
+        if method.order == 1:
             row["fell"] = _fall(projection, method, search, z, gap)
             if changed == 0 and row["moved"] <= _SAME:
                 row["state"] = STATES[0]
             elif row["fell"] <= _SETTLED:
                 row["state"] = STATES[1]
         elif held == 0:
-            if row["moved"] <= _SAME and (changed == 0 or method.neighbours > 1):
+            if row["moved"] <= _SAME and (changed == 0 or method.averages):
                 row["state"] = STATES[0]
-        elif method.neighbours > 1 or (changed <= held and _is_of_its_data(projection, search, result)):
+        elif method.averages or (changed <= held and _is_of_its_data(projection, method, search, result)):
             row["state"] = STATES[2 if row["moved"] <= _LITTLE else 3]
     except ConvergenceError as error:
         row["reason"] += f"; the check failed: {error}"
@@ -199,7 +197,7 @@ def check(
 
 
 def _fall(
-    projection: dd.Projection, method: Classical, search: dd.MaterialSearch, z: dd.MechanicalState, gap: np.ndarray
+    projection: dd.Projection, method: dd.DataMethod, search: dd.MaterialSearch, z: dd.MechanicalState, gap: np.ndarray
 ) -> float:
     """Part by which more plain iterations lower the distance to the nearest data."""
     w = projection.operator.weights
@@ -210,9 +208,10 @@ def _fall(
     return 1.0 - float(np.sqrt(w @ gap**2)) / begin if begin > 0 else 0.0
 
 
-def _is_of_its_data(projection: dd.Projection, search: dd.MaterialSearch, result: dd.DataDrivenResult) -> bool:
-    """Whether the state is in equilibrium on the tangent spaces of the data that the result names."""
-    assert isinstance(search, dd.TangentSearch)
+def _is_of_its_data(
+    projection: dd.Projection, method: dd.DataMethod, search: dd.MaterialSearch, result: dd.DataDrivenResult
+) -> bool:
+    """Whether the state is the one that the data which the result names lead to."""
     z = result.mechanical
-    found = on_spaces(projection, search.of(result.index), z)
+    found = method.state_of(projection, search, result.index, z)
     return relative_distance(projection.operator, projection.metric, found, z) <= _SAME

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 import dd_macro as dd
+from tsg_micro.cells.tissue import Tissue
 from tsg_micro.data.dataset import Dataset, read_dataset, take, write_dataset
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.files import output_folder
@@ -24,16 +25,12 @@ from workflows.runs.scene import Scene, read_material
 from workflows.store.record import write_summary, write_table
 from workflows.store.stages import Stages
 from workflows.studies.fe2_reference import Exact, box_states, read_exact
-from workflows.studies.methods import CLASSICAL, SECOND_ORDER, Way
+from workflows.studies.methods import named
 from workflows.studies.prerequisites import Chain
 
-__all__ = ["ADAPTIVE", "BUDGETS", "METHODS", "data_error", "fitted_slope", "mean_errors", "states_needed"]
+__all__ = ["ADAPTIVE", "BUDGETS", "data_error", "fitted_slope", "mean_errors", "states_needed"]
 
-METHODS: dict[str, Way] = {
-    "classical": CLASSICAL["classical"],
-    "second order": SECOND_ORDER["second order"],
-    "second order, estimated tangents": SECOND_ORDER["second order, estimated tangents"],
-}
+_METHODS = ("classical", "second order", "second order, estimated tangents")
 SIX, ADAPTIVE = "all strains that FE2 visits, at random", "adaptive, from nothing"
 BUDGETS = (4, 8, 16, 32, 64, 128, 256, 400)
 TARGETS = (0.02, 0.01, 0.005)
@@ -84,16 +81,16 @@ def data_error(
         )
     scene = Scene(load, chain.strain, elements=chain.elements, kinematics=kinematics)
     sources = _sources(data, scene, chain)
-    given = None if fe2 is None else read_exact(fe2, scene, chain.bar_force)
+    given = None if fe2 is None else read_exact(fe2, scene, chain.tissue)
     stages = stages or Stages(output_folder(out), say)
     fe2 = fe2 or chain.fe2(stages, scene, say)
-    exact = given or read_exact(fe2, scene, chain.bar_force)
+    exact = given or read_exact(fe2, scene, chain.tissue)
     if not data:
         data = [chain.data(stages, box) for box in ("inplane", "full")]
         sources = _sources(data, scene, chain)
     sources = {SIX: _box(stages, exact, chain, states), **sources}
     rows: list[dict[str, Any]] = []
-    for row in _rows(exact, sources, draws, budgets, chain.bar_force):
+    for row in _rows(exact, sources, draws, budgets, chain.tissue):
         rows.append(row)
         shown = row["reason"] if row["state"] is None else f"{exact.symbol} {row[exact.symbol]:.2%}"
         say(f"{row['source']}, {row['method']}, {row['states']} states: {shown}, state {row['state'] or 0:.2%}")
@@ -134,12 +131,14 @@ def data_error(
 def _box(stages: Stages, exact: Exact, chain: Chain, states: int) -> Dataset:
     """Random states of all six strains, a stage."""
     low, high = exact.strain.min(axis=0), exact.strain.max(axis=0)
-    run: dict[str, Any] = {"low": low, "high": high, "bar_force": chain.bar_force, "states": states, "seed": chain.seed}
-    folder = stages.run(
-        f"six-strains-{exact.scene.load}", run, lambda out: write_dataset(out / "data.h5", box_states(**run))
-    )
+    box: dict[str, Any] = {"low": low, "high": high, "states": states, "seed": chain.seed}
+
+    def make(out: Path) -> None:
+        write_dataset(out / "data.h5", box_states(**box, tissue=chain.tissue))
+
+    folder = stages.run(f"six-strains-{exact.scene.load}", {**box, "bar_force": chain.bar_force}, make)
     found = read_dataset(folder / "data.h5")  # made for this scene, whatever its nominal strain
-    return found if exact.scene.kinematics == "small" else dd.biot_dataset(found)
+    return dd.THEORIES[exact.scene.kinematics].dataset(found, None)
 
 
 def _sources(files: Sequence[Path], scene: Scene, chain: Chain) -> dict[str, Dataset]:
@@ -162,17 +161,18 @@ def _under_plane_stress(dataset: Dataset) -> bool:
 
 
 def _rows(
-    exact: Exact, sources: dict[str, Dataset], draws: int, budgets: Sequence[int], bar_force: float
+    exact: Exact, sources: dict[str, Dataset], draws: int, budgets: Sequence[int], tissue: Tissue
 ) -> Iterator[dict[str, Any]]:
     """One row a solve."""
     for source, dataset in sources.items():
-        seen = {name: method.data(dataset) for name, method in METHODS.items()}
-        scenes = {name: exact.projection(seen[name], method.order) for name, method in METHODS.items()}
+        methods = named(*_METHODS)
+        seen = {name: method.given(dataset) for name, method in methods.items()}
+        scenes = {name: exact.projection(seen[name], method.order) for name, method in methods.items()}
         sizes = [_LEAST * 2**k for k in range(30) if _LEAST * 2**k < len(dataset)] + [len(dataset)]
         for draw in range(draws):
             order = np.random.default_rng([draw, len(dataset)]).permutation(len(dataset))
             for size in sizes if draw == 0 else sizes[:-1]:
-                for name, method in METHODS.items():
+                for name, method in methods.items():
                     few, projection = take(seen[name], order[:size]), scenes[name]
                     row = {"source": source, "method": name, "states": size, "draw": draw}
                     try:
@@ -184,12 +184,12 @@ def _rows(
     for budget in sorted(set(budgets)):
         row = {"source": ADAPTIVE, "method": "second order", "states": budget, "draw": 0}
         try:
-            adapted = exact.adapted(bar_force, budget)
+            adapted = exact.adapted(tissue, budget)
         except ConvergenceError as error:
             yield row | exact.no_errors() | {"iterations": len(error.history), "reason": str(error)}
             continue
         row |= {"states": adapted.rounds[-1].rves, "iterations": sum(one.iterations for one in adapted.rounds)}
-        yield row | exact.errors(adapted.result) | {"reason": adapted.reason}
+        yield row | exact.errors(adapted) | {"reason": adapted.adapt_reason}
 
 
 def _fits(rows: list[dict[str, Any]], symbol: str, floors: set[str]) -> list[dict[str, Any]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import cycle
 from typing import Any
 
 import matplotlib as mpl
@@ -23,11 +24,12 @@ def plot_data_error(summary: Mapping[str, Any]) -> Figure:
 
     Colours are methods, markers and line styles the data, black is adaptive sampling; slopes are in the legend.
     """
-    from workflows.studies.data_error import ADAPTIVE, METHODS, mean_errors
+    from workflows.studies.data_error import ADAPTIVE, mean_errors
 
     rows, symbol = summary["rows"], summary["symbol"]
     sources = [name for name in dict.fromkeys(row["source"] for row in rows) if name != ADAPTIVE]
-    colours = dict(zip(METHODS, _COLOURS, strict=True))
+    methods = dict.fromkeys(row["method"] for row in rows)
+    colours = dict(zip(methods, cycle(_COLOURS), strict=False))
     with mpl.rc_context(STYLE):
         figure = new_figure(15, 9.2)
         panels = ((symbol, rf"error of ${symbol}$, inner blocks / %"), ("state", "error of the state, all of it / %"))
@@ -39,7 +41,11 @@ def plot_data_error(summary: Mapping[str, Any]) -> Figure:
                 adaptive = source == ADAPTIVE
                 place = 0 if adaptive else sources.index(source)
                 colour = "k" if adaptive else colours[method]
-                style = {"color": colour, "marker": "*" if adaptive else _MARKERS[place], "markersize": 5}
+                style = {
+                    "color": colour,
+                    "marker": "*" if adaptive else _MARKERS[place % len(_MARKERS)],
+                    "markersize": 5,
+                }
                 style |= {"linestyle": ("-", "--", ":", "-.")[place % 4], "linewidth": 1.2}
                 slope = fit[f"slope_{name}"]
                 shown = "no slope, at its floor" if slope is None else f"slope {slope:.2f}"

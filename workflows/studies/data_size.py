@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tsg_micro.data.dataset import Dataset, take
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
-from workflows.runs.loads import SYMBOLS
+from workflows.runs.loads import LOADS
 from workflows.runs.tensegrity import describe, read_blocks
 from workflows.store.checkpoint import fingerprint
 from workflows.store.record import read_summary, write_summary, write_table
@@ -78,7 +78,7 @@ def data_size(study: Study, *, count: int = 16, draws: int = 10, plots: bool = T
         command="study data-size",
         parameters={**study.parameters(found), "count": count, "draws": draws},
         figures={
-            "symbol": (SYMBOLS[load], ""),
+            "symbol": (LOADS[load].symbol, ""),
             "reference": (describe(read_summary(found.dns, "dns")), ""),
             "sizes": (sizes, ""),
             **{name: ({"mean": means[name]} | _spread(values), "1") for name, values in table.items()},

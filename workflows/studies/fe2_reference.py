@@ -13,15 +13,16 @@ from threadpoolctl import threadpool_limits
 
 import dd_macro as dd
 from dd_macro.methods.projection import relative_distance
-from tsg_micro.continuum.rve_law import sheet_rve
+from tsg_micro.cells.tissue import Tissue
+from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.continuum.sampling import state_dataset
 from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.mandel import pressure, von_mises
-from workflows.runs.adapt import Adaptation, Adapted, adapt
-from workflows.runs.loads import SYMBOLS
-from workflows.runs.scene import Scene, make_metric
+from workflows.runs.loads import LOADS
+from workflows.runs.scene import Scene
 from workflows.store.record import read_summary, versions
+from workflows.studies.methods import adaptive
 
 __all__ = ["Exact", "box_states", "check_fe2", "fe2_parameters", "read_exact"]
 
@@ -38,8 +39,7 @@ class Exact:
     """
 
     scene: Scene
-    operator: dd.StrainOperator
-    conditions: list[dd.Displacement]
+    problem: dd.Problem
     strain: Array
     stress: Array
     metric: dd.Metric
@@ -48,21 +48,24 @@ class Exact:
     @property
     def symbol(self) -> str:
         """p or q, whose error counts."""
-        return SYMBOLS[self.scene.load]
+        return LOADS[self.scene.load].symbol
+
+    @property
+    def operator(self) -> dd.StrainOperator:
+        """B and W."""
+        return self.problem.operator
 
     def projection(self, dataset: Dataset, order: int) -> dd.Projection:
         """The scene with the default metric of the data for solves of ``order``."""
-        metric = make_metric("auto", self.operator, dataset, self.conditions, order=order)
-        return dd.make_projection(self.operator, metric, self.conditions)
+        return dd.project(self.problem, dd.choose_metric("auto", self.problem, dataset, order=order))
 
-    def adapted(self, bar_force: float, budget: int) -> Adapted:
+    def adapted(self, tissue: Tissue, budget: int) -> dd.AdaptiveResult:
         """An adaptive run from nothing that uses all of its ``budget``.
 
         Raises:
             ConvergenceError: a solve failed.
         """
-        plan = Adaptation(bar_force=bar_force, budget=budget, tolerance=0.0)
-        return adapt(self.operator, self.conditions, plan, scene=self.scene, dataset=None)
+        return adaptive(self.problem, self.scene, tissue=tissue, budget=budget)
 
     def errors(self, result: dd.Solution) -> dict[str, float | None]:
         """Relative errors (l2): p and q of the inner blocks, mechanical and material, and the state in the metric."""
@@ -93,33 +96,33 @@ def fe2_parameters(fe2: Path) -> dict[str, Any]:
     return {"kinematics": "small", "clamp": "full", "degree": 1, "flat": False} | read_summary(fe2, "fe2")["parameters"]
 
 
-def check_fe2(fe2: Path, scene: Scene, bar_force: float) -> None:
+def check_fe2(fe2: Path, scene: Scene, tissue: Tissue) -> None:
     """Raise InputError where the run in folder ``fe2`` is not there, or of another scene or bar force."""
     there = fe2_parameters(fe2)
-    for name, wanted in {**scene.parameters(), "bar_force": bar_force}.items():
+    for name, wanted in {**scene.parameters(), "bar_force": tissue.bar_force}.items():
         found = tuple(there[name]) if isinstance(there.get(name), list) else there.get(name)
         if found != wanted:
             raise InputError(f"fe2: expected {name} {wanted} in {fe2}, got {found}")
 
 
-def read_exact(fe2: Path, scene: Scene, bar_force: float) -> Exact:
+def read_exact(fe2: Path, scene: Scene, tissue: Tissue) -> Exact:
     """What the run in folder ``fe2`` left.
 
     Raises:
         InputError: it is not there, or of another scene or bar force.
     """
-    check_fe2(fe2, scene, bar_force)
+    check_fe2(fe2, scene, tissue)
     fields = dd.read_quadrature(fe2 / "quadrature.h5")
-    domain = scene.build(MPI.COMM_SELF)
-    operator = scene.operator(domain)
+    problem = scene.problem(MPI.COMM_SELF, tissue)
+    operator, domain = problem.operator, problem.operator.domain
     rows = domain.mesh.topology.original_cell_index[: domain.owned_cells]
     strain, stress = (a[rows].reshape(-1, 6) for a in (fields.mechanical_strain, fields.mechanical_stress))
     metric = dd.secant_modulus(Dataset(strain, stress, fields.stress_measure, **_points(len(strain))))
     inner = dd.interior_blocks(operator.cell_corners.mean(axis=1))
-    return Exact(scene, operator, scene.conditions(domain), strain, stress, metric, inner)
+    return Exact(scene, problem, strain, stress, metric, inner)
 
 
-def box_states(*, low: Array, high: Array, bar_force: float, states: int, seed: int) -> Dataset:
+def box_states(*, low: Array, high: Array, tissue: Tissue, states: int, seed: int) -> Dataset:
     """RVE states of a sheet, with tangents, at random strains (Mandel) in a box from ``low`` to ``high`` (6,).
 
     Strains where the RVE has no equilibrium are drawn anew; the parameters say how many there were.
@@ -127,7 +130,8 @@ def box_states(*, low: Array, high: Array, bar_force: float, states: int, seed: 
     Raises:
         ConvergenceError: more strains failed than there are to be ``states``.
     """
-    rng, rve = np.random.default_rng(seed), sheet_rve(bar_force)
+    rng, spec = np.random.default_rng(seed), RVESpec(tissue, free=())
+    rve = spec.build()
     found: list[Any] = []
     failed = 0
     with threadpool_limits(1):
@@ -146,7 +150,13 @@ def box_states(*, low: Array, high: Array, bar_force: float, states: int, seed: 
         tangent=np.array([state.tangent for state in found]),
         energy=np.array([state.energy for state in found]),
         **_points(states),
-        parameters={"bar_force": bar_force, "box": box, "failed": failed, "images": "merged"},
+        parameters={
+            "bar_force": tissue.bar_force,
+            "box": box,
+            "failed": failed,
+            "images": "merged",
+            **spec.parameters(),
+        },
         versions=versions(),
     )
 

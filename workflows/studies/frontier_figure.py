@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from typing import Any
 
 import matplotlib as mpl
@@ -35,9 +36,9 @@ def plot_frontier(rows: Sequence[Row], dns_seconds: float, summary: Mapping[str,
     methods = list(dict.fromkeys(row["method"] for row in rows))
     styles = {
         name: {"color": colour, "marker": marker, "markersize": 6, "linewidth": 1.0}
-        for name, colour, marker in zip(methods, _COLOURS, _MARKERS, strict=False)
+        for name, colour, marker in zip(methods, cycle(_COLOURS), cycle(_MARKERS), strict=False)
     }
-    models = dict(zip(dict.fromkeys(row["model"] for row in rows), _LINES, strict=False))
+    models = dict(zip(dict.fromkeys(row["model"] for row in rows), cycle(_LINES), strict=False))
     symbol = summary["symbol"]
     labels = (
         f"error of ${symbol}$ against the tensegrity / %",

@@ -11,10 +11,10 @@ import dd_macro as dd
 from tsg_micro.data.dataset import Dataset, take
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.files import output_folder
-from workflows.runs.loads import SYMBOLS
+from workflows.runs.loads import LOADS
 from workflows.runs.tensegrity import describe, read_blocks, solution_errors
 from workflows.store.record import read_summary, write_summary, write_table
-from workflows.studies.methods import CLASSICAL, SECOND_ORDER, Way
+from workflows.studies.methods import named
 from workflows.studies.one_load import Bench, Study, make_bench
 
 __all__ = ["FACTORS", "metric"]
@@ -50,10 +50,10 @@ def metric(
     if sizes[-1] > many:
         raise InputError(f"sizes: expected at most {many}, the number of data in {found.data}, got {sizes[-1]}")
     blocks = read_blocks(found.dns, found.dataset.stress_measure)
-    methods = {**CLASSICAL, "second order": SECOND_ORDER["second order"]}
+    methods = named("classical", "second order")
     default = {}
     for name, method in methods.items():
-        bench = make_bench(found.scene, "auto", method.data(found.dataset), blocks, order=method.order)
+        bench = make_bench(found.scene, "auto", method.given(found.dataset), blocks, order=method.order)
         default[name] = bench.projection.metric
         study.say(f"default metric, {name}: {default[name].reason}")
     order = np.random.default_rng([0, many]).permutation(many)
@@ -63,7 +63,7 @@ def metric(
             scaled = dd.Metric(factor * default[name].C, f"{factor:g} times as stiff")
             bench = make_bench(found.scene, scaled, found.dataset, blocks)
             for size in sizes:
-                row = _solve(bench, method, take(method.data(found.dataset), order[:size]))
+                row = _solve(bench, method, take(method.given(found.dataset), order[:size]))
                 rows.append({"method": name, "data": size, "factor": factor} | row)
                 study.say(f"{factor:4g} times as stiff, {name:12} {size:6} data: {_shown(row, bench.symbol)}")
     write_table(out / "metric.csv", rows)
@@ -72,7 +72,7 @@ def metric(
         command="study metric",
         parameters={**study.parameters(found), "factors": sorted(set(factors)), "sizes": sizes},
         figures={
-            "symbol": (SYMBOLS[load], ""),
+            "symbol": (LOADS[load].symbol, ""),
             "reference": (describe(read_summary(found.dns, "dns")), ""),
             "metric": ({name: one.C for name, one in default.items()}, "Pa"),
             "metric_reason": ({name: one.reason for name, one in default.items()}, ""),
@@ -89,7 +89,7 @@ def metric(
     return summary
 
 
-def _solve(bench: Bench, method: Way, dataset: Dataset) -> dict[str, Any]:
+def _solve(bench: Bench, method: dd.DataMethod, dataset: Dataset) -> dict[str, Any]:
     """Errors of one solve, how it ended and what it took; None for errors where it did not converge."""
     projection = bench.projection
     try:
@@ -98,7 +98,7 @@ def _solve(bench: Bench, method: Way, dataset: Dataset) -> dict[str, Any]:
         nothing = {**dict.fromkeys(_ERRORS), "distance": None, "held": None}
         return {"converged": False, **nothing, "iterations": len(error.history), "reason": str(error)}
     shown = dd.in_space(result, bench.blocks.stress_measure)
-    row = solution_errors(bench.operator, projection.metric, shown, bench.blocks).row(bench.symbol)
+    row = solution_errors(shown, bench.blocks).row(bench.symbol)
     return {
         "converged": True,
         **{name: row[name] for name in _ERRORS},

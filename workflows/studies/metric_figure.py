@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import cycle
 from typing import Any
 
 import matplotlib as mpl
@@ -14,7 +15,8 @@ from tsg_micro.data.figure_style import STYLE, new_figure
 
 __all__ = ["plot_metric"]
 
-_COLOURS = {"classical": ("#c8553d", "#ed9b40"), "second order": ("#20639b", "#3caea3")}
+_COLOURS = (("#c8553d", "#ed9b40"), ("#20639b", "#3caea3"), ("#7a5195", "#d62f8a"))
+"""Of all data and of fewer, method by method."""
 
 
 def plot_metric(summary: Mapping[str, Any]) -> Figure:
@@ -28,11 +30,13 @@ def plot_metric(summary: Mapping[str, Any]) -> Figure:
             axes.set_xscale("log")
             axes.axvspan(0.3, 3, color="0.93", zorder=0)
             sizes = sorted({row["data"] for row in rows}, reverse=True)
+            names = dict.fromkeys(row["method"] for row in rows)
+            colours = dict(zip(names, cycle(_COLOURS), strict=False))
             for name, size in dict.fromkeys((row["method"], row["data"]) for row in rows):
                 own = [row for row in rows if (row["method"], row["data"]) == (name, size)]
                 factor = [row["factor"] for row in own]
                 value = np.array([np.nan if row[error] is None else 100 * row[error] for row in own])
-                colour = _COLOURS[name][min(sizes.index(size), 1)]
+                colour = colours[name][min(sizes.index(size), 1)]
                 style = "o-" if size == sizes[0] else "s--"
                 axes.plot(factor, value, style, color=colour, markersize=5, label=f"{name}, {size} data")
                 bad = [f for f, v in zip(factor, value, strict=True) if np.isnan(v)]

@@ -12,12 +12,12 @@ from mpi4py import MPI
 import dd_macro as dd
 from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import InputError
-from workflows.runs.loads import SYMBOLS, check_load
-from workflows.runs.scene import Scene, make_metric, read_material
+from workflows.runs.loads import LOADS, check_load
+from workflows.runs.scene import Scene, read_material
 from workflows.runs.tensegrity import check_same_scene, solution_errors
 from workflows.store.record import read_summary
 from workflows.store.stages import Stages
-from workflows.studies.methods import CLASSICAL
+from workflows.studies.methods import named
 from workflows.studies.prerequisites import Chain
 
 __all__ = ["COLUMNS", "Bench", "Inputs", "Row", "Study", "make_bench"]
@@ -90,7 +90,7 @@ class Study:
     def _read(self, data: Path, scene: Scene) -> Dataset:
         dataset = read_material(data, scene)
         sampled = dataset.parameters.get("load")
-        if sampled in SYMBOLS and sampled != self.load:
+        if sampled in LOADS and sampled != self.load:
             raise InputError(f"data: expected data for {self.load}, those in {data} were sampled for {sampled}")
         self.chain.check_bar_force(dataset, data)
         return dataset
@@ -112,8 +112,6 @@ class Study:
 class Bench:
     """What solves share: mesh, metric, factorised projection, and the tensegrity's block means as reference."""
 
-    operator: dd.StrainOperator
-    conditions: list[dd.Displacement]
     projection: dd.Projection
     blocks: Dataset
     symbol: str
@@ -127,12 +125,11 @@ class Bench:
             ConvergenceError: the solve did not converge.
         """
         begin = time.perf_counter()
-        metric = self.projection.metric
-        way = CLASSICAL["classical"]
-        result = way.solve(self.projection, way.search(dataset, metric), start)
+        metric, (method,) = self.projection.metric, named("classical").values()
+        result = method.solve(self.projection, method.search(dataset, metric), start)
         seconds = time.perf_counter() - begin
         shown = dd.in_space(result, self.blocks.stress_measure)
-        row = solution_errors(self.operator, metric, shown, self.blocks).row(self.symbol)
+        row = solution_errors(shown, self.blocks).row(self.symbol)
         row["iterations"] = result.iterations
         row["seconds"] = seconds
         row["seconds_search"] = sum(i.seconds_search for i in result.history)
@@ -146,9 +143,7 @@ def make_bench(scene: Scene, metric: dd.Metric | str, dataset: Dataset, blocks: 
     Raises:
         InputError: no such metric, or the data give none.
     """
-    domain = scene.build(MPI.COMM_SELF)
-    operator, conditions = scene.operator(domain), scene.conditions(domain)
+    problem = scene.problem(MPI.COMM_SELF)
     if isinstance(metric, str):
-        metric = make_metric(metric, operator, dataset, conditions, order=order)
-    projection = dd.make_projection(operator, metric, conditions)
-    return Bench(operator, conditions, projection, blocks, SYMBOLS[scene.load])
+        metric = dd.choose_metric(metric, problem, dataset, order=order)
+    return Bench(dd.project(problem, metric), blocks, LOADS[scene.load].symbol)

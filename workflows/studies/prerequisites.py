@@ -12,7 +12,7 @@ from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.sampling import BOXES
 from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import InputError
-from workflows.runs.loads import check_load, check_reach, nominal_component
+from workflows.runs.loads import LOADS, check_load, check_reach
 from workflows.store.stages import Stages
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class Chain:
 
     def __post_init__(self) -> None:
         check_load("stretch", self.strain)
-        Tissue(bar_force=self.bar_force)
+        self.tissue  # noqa: B018  (checks the bar force)
         if min(self.blocks) < 3:
             raise InputError(f"blocks: expected at least 3 3, to leave the outer ones out, got {self.blocks}")
         for name, value, least in (("paths", self.paths, 1), ("steps", self.steps, 1), ("seed", self.seed, 0)):
@@ -50,8 +50,8 @@ class Chain:
 
     def check_reach(self, load: str) -> None:
         """Raise InputError where the box of data of this load does not hold the nominal strain."""
-        name, value = nominal_component(load, self.strain)
-        check_reach(name, value, *BOXES[load].ranges[name])
+        box = BOXES[LOADS[load].box]
+        check_reach(load, self.strain, *box.ranges[LOADS[load].component])
 
     def check_bar_force(self, dataset: Dataset, data: Path) -> None:
         """Raise InputError where the data of the file ``data`` are of another bar force; measured ones have none."""
@@ -59,6 +59,11 @@ class Chain:
             force = source.get("bar_force")
             if force not in (None, self.bar_force):
                 raise InputError(f"bar_force: expected {self.bar_force:g} N in {data}, got {force:g} N")
+
+    @property
+    def tissue(self) -> Tissue:
+        """What the cells are made of."""
+        return Tissue(bar_force=self.bar_force)
 
     @property
     def elements(self) -> tuple[int, int, int]:
@@ -76,17 +81,16 @@ class Chain:
         folder = stages.run(
             name or f"data-{load}",
             {**chosen, "bar_force": self.bar_force},
-            lambda out: sample(out / "data.h5", tissue=Tissue(bar_force=self.bar_force), **chosen),
+            lambda out: sample(out / "data.h5", tissue=self.tissue, **chosen),
         )
         return folder / "data.h5"
 
     def dns(self, stages: Stages, load: str, say: Callable[[str], None], *, flat: bool = True) -> Path:
         """The folder of the full tensegrity; computed unless it is there."""
-        from tsg_micro.cells.tissue import Tissue
         from workflows.runs.dns import dns
 
         scene: dict[str, Any] = {"blocks": self.blocks, "load": load, "strain": self.strain, "flat": flat}
-        run = partial(dns, **scene, tissue=Tissue(bar_force=self.bar_force), say=say)
+        run = partial(dns, **scene, tissue=self.tissue, say=say)
         return stages.run(f"dns-{load}" + "-free" * (not flat), {**scene, "bar_force": self.bar_force}, run)
 
     def fe2(self, stages: Stages, scene: Scene, say: Callable[[str], None]) -> Path:
@@ -95,7 +99,7 @@ class Chain:
 
         run: dict[str, Any] = {**scene.parameters(), "bar_force": self.bar_force}
         name = "-".join(["fe2", scene.load, scene.kinematics, scene.clamp] + ["flat"] * scene.flat)
-        solve = partial(fe2, scene=scene, bar_force=self.bar_force, plots=False, say=say)
+        solve = partial(fe2, scene=scene, tissue=self.tissue, plots=False, say=say)
         return stages.run(name, run, solve)
 
     def solution(self, stages: Stages, load: str, data: Path, say: Callable[[str], None]) -> Path:

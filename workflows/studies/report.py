@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from workflows.runs.loads import SYMBOLS
+from workflows.runs.loads import LOADS
 from workflows.store.record import machine, read_summary, versions
 from workflows.studies.prerequisites import Chain
 
@@ -23,7 +23,8 @@ _PAPER = {
         "own": "about 3 %",
     },
 }
-"""What the paper prints in Section 4.2 and 4.3."""
+"""What the paper prints in Section 4.2 and 4.3; of other loads nothing."""
+_NOTHING = dict.fromkeys(("error_mech", "error_mat", "distance", "own"), "-")
 
 
 def write_report(file: Path, runs: Path, chain: Chain) -> list[dict[str, str]]:
@@ -43,10 +44,10 @@ def write_report(file: Path, runs: Path, chain: Chain) -> list[dict[str, str]]:
             "frontier": read_summary(runs / f"frontier-{load}", "bench frontier"),
             "causes": read_summary(runs / f"causes-{load}", "study causes"),
         }
-        for load in SYMBOLS
+        for load in LOADS
     }
     rve = read_summary(runs / "rve-size", "study rve-size")
-    rows = [row for load in SYMBOLS for row in _rows(load, found[load], chain)] + _rve_rows(rve)
+    rows = [row for load in LOADS for row in _rows(load, found[load], chain)] + _rve_rows(rve)
     text = [
         "# The multiscale study, with the paper's figures beside ours",
         "",
@@ -67,20 +68,20 @@ def write_report(file: Path, runs: Path, chain: Chain) -> list[dict[str, str]]:
         "",
         *_images(runs, "rve-size"),
     ]
-    for load, symbol in SYMBOLS.items():
-        text += _load_section(runs, load, symbol, found[load])
+    for load, one in LOADS.items():
+        text += _load_section(runs, load, one.symbol, found[load])
     file.write_text("\n".join(text) + "\n")
     return rows
 
 
 def _rows(load: str, found: Mapping[str, Summary], chain: Chain) -> Iterable[dict[str, str]]:
-    symbol, size, dns = SYMBOLS[load], found["size"], found["dns"]
+    symbol, size, dns = LOADS[load].symbol, found["size"], found["dns"]
     scene = f"--load {load} --strain {chain.strain!r} --bar-force {chain.bar_force!r}"
     blocks = f"--blocks {chain.blocks[0]} {chain.blocks[1]}"
     data = f"--paths {chain.paths} --steps {chain.steps} --seed {chain.seed}"
     asked = size["parameters"]
     study = f"tsgdd study data-size {scene} {blocks} {data} --sizes {asked['count']} --draws {asked['draws']}"
-    paper, largest, own = _PAPER[load], size["largest"], size["self_consistent"]
+    paper, largest, own = _PAPER.get(load, _NOTHING), size["largest"], size["self_consistent"]
     sampling = found["sample"]["seconds"]
     timed = [p for p in found["frontier"]["points"] if p["method"] == "data-driven, metric tangent"]
     solving = timed[-1]["seconds_solve"]

@@ -12,27 +12,28 @@ from mpi4py import MPI
 
 import dd_macro as dd
 from dd_macro.methods.clusters import cluster
+from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.rve import build_rve
-from tsg_micro.continuum.rve_law import sheet_rve
+from tsg_micro.continuum.rve_source import RVESource
+from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.data.dataset import read_dataset, take, write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import to_mandel
-from workflows.runs.adapt import Adaptation
-from workflows.runs.adapt_data import KnownStates
 from workflows.runs.fe2 import fe2
 from workflows.runs.scene import Scene
 from workflows.runs.solve import solve
 
 ROOT = Path(__file__).parents[3]
 F_B = 1e-8
+TISSUE = Tissue(bar_force=F_B)
 SCENE = Scene("shear", 0.06, elements=(4, 4, 1))
 BUDGETS = (1, 4, 16, 64)
 UNIT = dd.Metric(np.eye(6), "unit")
 
 
-def run(out, *, data=None, measure=None, **plan):
-    adaptation = Adaptation(**{"bar_force": F_B, "tolerance": 0.0, **plan})
-    return solve(out, data=data, scene=SCENE, adaptation=adaptation, stress_measure=measure, plots=False)
+def run(out, *, data=None, measure=None, tissue=TISSUE, **plan):
+    asked = {"adaptation": dd.Adaptation(**{"tolerance": 0.0, **plan}), "tissue": tissue}
+    return solve(out, data=data, scene=SCENE, **asked, stress_measure=measure, plots=False)
 
 
 def error(out, reference):
@@ -46,7 +47,7 @@ def error(out, reference):
 def folder(tmp_path_factory):
     """FE2, and adaptive runs from nothing with ever more RVEs."""
     folder = tmp_path_factory.mktemp("adapt")
-    fe2(folder / "fe2", scene=SCENE, bar_force=F_B, plots=False)
+    fe2(folder / "fe2", scene=SCENE, tissue=TISSUE, plots=False)
     for budget in BUDGETS:
         run(folder / f"{budget}", budget=budget)
     return folder
@@ -113,7 +114,7 @@ def test_the_data_are_ordinary_ones(folder, read_summary, tmp_path):
 
 def test_it_goes_on_with_data_that_are_there(folder, tmp_path):
     start = folder / "16" / "data.h5"
-    summary = run(tmp_path / "more", data=start, budget=24, bar_force=None)
+    summary = run(tmp_path / "more", data=start, budget=24, tissue=None)
     assert summary["rves_rounds"] == [0, 24]
     data, old = read_dataset(tmp_path / "more" / "data.h5"), read_dataset(start)
     np.testing.assert_array_equal(data.strain[:16], old.strain)
@@ -188,34 +189,34 @@ def test_a_few_strains_get_a_datum_each_and_no_more():
 def test_where_an_rve_fails_it_is_tried_nearer():
     good, far = np.array([0.0, 0.02, 0.0, 0.0, 0.0, 0.0]), np.array([-1.2, 0.1, 0.0, 0.0, 0.0, 0.0])
     beyond = np.array([-9.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    known = KnownStates(sheet_rve(F_B))
-    states = known.solve(MPI.COMM_SELF, np.array([good, far, beyond]), np.zeros((3, 6)))
-    assert len(known.states) == 3
+    source = RVESource(RVESpec(TISSUE))
+    states = source.reach(np.array([good, far, beyond]), np.zeros((3, 6)))
+    assert len(source.known) == 3
     assert states[0] is not None
-    np.testing.assert_allclose(states[0].strain, good, atol=1e-15)
+    np.testing.assert_allclose(states[0].strain[0], good, atol=1e-15)
     assert states[1] is not None
-    part = states[1].strain[0] / far[0]
+    part = states[1].strain[0, 0] / far[0]
     assert part in (0.5, 0.25)
-    np.testing.assert_allclose(states[1].strain, part * far, atol=1e-15)
+    np.testing.assert_allclose(states[1].strain[0], part * far, atol=1e-15)
     assert states[2] is None
 
 
 def test_where_a_state_starts_does_not_change_it():
     rng = np.random.default_rng(4)
     strains = 0.06 * rng.uniform(-1, 1, (6, 6))
-    known = KnownStates(sheet_rve(F_B))
-    known.solve(MPI.COMM_SELF, strains[:3], np.zeros((3, 6)))
-    for state in known.solve(MPI.COMM_SELF, strains[3:], np.zeros((3, 6))):
+    source = RVESource(RVESpec(TISSUE))
+    source.reach(strains[:3], np.zeros((3, 6)))
+    for state in source.reach(strains[3:], np.zeros((3, 6))):
         assert state is not None
-        own = build_rve(bar_force=F_B, free=()).solve_strain(state.strain)
+        own = build_rve(bar_force=F_B, free=()).solve_strain(state.strain[0])
         assert own.tangent is not None
-        np.testing.assert_allclose(state.first_piola, own.first_piola, atol=1e-8 * np.abs(own.first_piola).max())
-        np.testing.assert_allclose(state.tangent, own.tangent, atol=1e-7 * np.abs(own.tangent).max())
+        np.testing.assert_allclose(state.first_piola[0], own.first_piola, atol=1e-8 * np.abs(own.first_piola).max())
+        np.testing.assert_allclose(state.tangent[0], own.tangent, atol=1e-7 * np.abs(own.tangent).max())
 
 
 def test_growth_is_more_than_one():
     with pytest.raises(InputError, match="growth: expected more than 1, got 1"):
-        Adaptation(growth=1.0)
+        dd.Adaptation(growth=1.0)
 
 
 BAD = {

@@ -12,8 +12,9 @@ import pytest
 from mpi4py import MPI
 
 import dd_macro as dd
+from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.rve import build_rve
-from tsg_micro.continuum.rve_law import RVELaw, sheet_rve, solution_tree
+from tsg_micro.continuum.rve_law import RVELaw, solution_tree
 from tsg_micro.data.errors import ConvergenceError
 from tsg_micro.data.mandel import to_mandel
 from workflows.runs.fe2 import fe2
@@ -27,7 +28,7 @@ STATE = np.array([-0.015, 0.05, -0.01, 0.004, -0.006, 0.02])
 
 @pytest.fixture(scope="module")
 def rve():
-    return sheet_rve(F_B)
+    return build_rve(bar_force=F_B, free=())
 
 
 @pytest.fixture
@@ -146,11 +147,8 @@ def test_patch_a_homogeneous_strain_gives_the_stress_of_one_rve(law):
 
 def test_newton_converges_quadratically(law):
     scene = Scene("shear", 0.06, elements=(3, 2, 1))
-    domain = scene.build(MPI.COMM_SELF)
-    operator = dd.StrainOperator(domain)
-    result = dd.solve_law(
-        operator, law, scene.conditions(domain), steps=2, options=dd.ReferenceOptions(tolerance=1e-10)
-    )
+    problem = scene.problem(MPI.COMM_SELF)
+    result = dd.equilibrium(problem, law, steps=2, options=dd.ReferenceOptions(tolerance=1e-10))
     assert result.load_steps == 2
     assert all(it.step == 1.0 for it in result.history)
     for load in (0.5, 1.0):
@@ -165,7 +163,7 @@ def test_newton_converges_quadratically(law):
 
 def test_load_steps_and_ranks_do_not_change_the_answer(mpirun, read_summary, tmp_path):
     scene = Scene("stretch", 0.05, elements=(3, 2, 1))
-    summary = fe2(tmp_path / "one", scene=scene, bar_force=F_B, plots=False)
+    summary = fe2(tmp_path / "one", scene=scene, tissue=Tissue(bar_force=F_B), plots=False)
     arguments = ("fe2", "--elements", 3, 2, 1, "--steps", 2, "--no-plots", "--out", tmp_path / "two")
     env = {"PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
     done = mpirun(2, sys.executable, "-c", "from workflows.cli import main; main()", *arguments, env=env)

@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 import dd_macro as dd
 from dd_macro.scene.kinematics import FiniteStrain
-from tsg_micro.continuum.rve_law import RVELaw, sheet_rve
+from tsg_micro.continuum.rve import build_rve
+from tsg_micro.continuum.rve_law import RVELaw
 from tsg_micro.data.mandel import from_mandel
 
 F_B = 1e-8
@@ -17,7 +18,7 @@ U = np.eye(3) + from_mandel(np.array([-0.015, 0.05, -0.01, 0.004, -0.006, 0.02])
 
 @pytest.fixture(scope="module")
 def rve():
-    return sheet_rve(F_B)
+    return build_rve(bar_force=F_B, free=())
 
 
 def first_piola(rve, F):

@@ -9,20 +9,21 @@ import pytest
 from mpi4py import MPI
 
 import dd_macro as dd
-from tsg_micro.data.dataset import Dataset, take
+from tsg_micro.cells.tissue import Tissue
+from tsg_micro.data.dataset import Dataset, take, write_dataset
 from tsg_micro.data.errors import InputError
-from workflows.runs.scene import BLOCK, Scene, with_tangents
+from workflows.runs.scene import Scene
 
+BLOCK = Tissue().block
 C = dd.isotropic(young=1e3, poisson=0.3).C
 
 
 def strains(scene):
     """Strains of a linear elastic sheet whose width is held."""
-    domain = scene.build(MPI.COMM_SELF)
-    operator = scene.operator(domain)
+    problem = scene.problem(MPI.COMM_SELF)
     sides = [dd.Displacement(side, (0.0,), (0,)) for side in ("left", "right")]
-    result = dd.solve_law(operator, dd.LinearLaw(C, np.zeros(6)), sides + scene.conditions(domain))
-    return operator, result
+    result = dd.solve_law(problem.operator, dd.LinearLaw(C, np.zeros(6)), [*sides, *problem.supports])
+    return problem.operator, result
 
 
 @pytest.mark.parametrize(("nz", "degree", "flat"), [(1, 1, False), (2, 1, True), (1, 2, False), (1, 1, True)])
@@ -54,17 +55,20 @@ def test_a_flat_sheet_needs_its_back():
     domain = scene.build(MPI.COMM_SELF)
     sides = {name: tag for name, tag in domain.names.items() if name in ("bottom", "top")}
     with pytest.raises(InputError, match="flat: expected a side named back in the mesh, got bottom, top"):
-        scene.conditions(dataclasses.replace(domain, names=sides))
+        scene.supports(dataclasses.replace(domain, names=sides))
 
 
-def test_tangents_of_few_data():
+def test_tangents_of_few_data(tsgdd, tmp_path):
     strain, n = 0.01 * np.vstack([np.eye(6), -np.eye(6)]), np.arange(12)
     few = Dataset(strain, strain @ C, "first_piola", path=n, step=n)
-    found = with_tangents(few)
+    found = dd.TangentMethod().search(few, dd.Metric(C, "of the law")).dataset
     assert found.tangent is not None  # of less than 16 neighbours
     assert np.isfinite(found.tangent).all()
-    with pytest.raises(InputError, match="data: expected tangents, or at least 4 points"):
-        with_tangents(take(few, n[:3]))
+    write_dataset(tmp_path / "three.h5", take(few, n[:3]))
+    scene = ("--elements", 3, 3, 1, "--load", "stretch", "--strain", 0.005, "--order", 2)
+    done = tsgdd("solve", "--data", tmp_path / "three.h5", *scene, "--out", tmp_path / "out")
+    assert done.code == 2
+    assert "data: expected tangents, or at least 4 points" in done.err
 
 
 @pytest.mark.parametrize(

@@ -12,11 +12,11 @@ import dd_macro as dd
 from dd_macro.results.compare import interior_blocks
 from tsg_micro.data.errors import ConvergenceError, InputError
 from workflows.studies.bench_frontier import frontier
-from workflows.studies.frontier_methods import METHODS
+from workflows.studies.methods import entries
 from workflows.studies.one_load import Study
 from workflows.studies.prerequisites import Chain
 
-FEW = tuple(method for method in METHODS if not method.name.endswith(("visited", "secant", "energy law")))
+FEW = tuple(method for method in entries() if not method.name.endswith(("visited", "secant", "energy law")))
 MODELS = ("small strain", "finite strain, in-plane clamps")
 SCENE = ("--load", "stretch", "--blocks", 4, 4, "--strain", 0.04)
 
@@ -27,7 +27,7 @@ def run(chain, tmp_path_factory):
     out = tmp_path_factory.mktemp("frontier")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("workflows.studies.bench_frontier._REPEATS", 1)
-        patch.setattr("workflows.studies.bench_frontier.METHODS", FEW)
+        patch.setattr("workflows.studies.bench_frontier.entries", lambda: FEW)
         study = Study(out, "stretch", Chain(blocks=(4, 4), strain=0.04), chain.dns, chain.data)
         return out, frontier(study, models=MODELS, budgets=(2, 8, 32))
 
@@ -39,7 +39,7 @@ def points(summary, method, model=MODELS[0]):
 def test_every_method_is_there(run, is_png):
     out, summary = run
     for method in FEW:
-        for model in MODELS[: len(method.kinematics)]:
+        for model in MODELS[: len(method.theories)]:
             assert [p["data"] for p in points(summary, method.name, model)] == [1, 10, 100]
     for model in MODELS:
         assert len(points(summary, "FE2", model)) == 1
@@ -121,7 +121,7 @@ def test_fe2_is_taken_from_where_it_is(run, chain, tsgdd, read_summary, tmp_path
     # one model from the folder, and one whose FE2 fails
     monkeypatch.setattr("workflows.studies.bench_frontier._REPEATS", 1)
     monkeypatch.setattr(Chain, "fe2", fail)
-    monkeypatch.setattr("workflows.studies.bench_frontier.METHODS", METHODS[:1])
+    monkeypatch.setattr("workflows.studies.bench_frontier.entries", lambda: entries()[:1])
     study = Study(tmp_path / "2", "stretch", Chain(blocks=(4, 4), strain=0.04), chain.dns, chain.data)
     models = ("small strain", "finite strain")
     with pytest.raises(InputError, match="models: expected some of small strain, "):

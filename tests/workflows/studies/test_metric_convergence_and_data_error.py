@@ -10,7 +10,9 @@ import pytest
 from mpi4py import MPI
 
 import dd_macro as dd
-from tsg_micro.continuum.rve_law import RVELaw, sheet_rve
+from tsg_micro.cells.tissue import Tissue
+from tsg_micro.continuum.rve_law import RVELaw
+from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.data.dataset import convert_dataset, read_dataset, take, write_dataset
 from tsg_micro.data.errors import ConvergenceError, InputError
 from workflows.runs.scene import Scene
@@ -20,7 +22,7 @@ from workflows.studies.data_error import ADAPTIVE, SIX, data_error, fitted_slope
 from workflows.studies.data_error import _rows as all_rows
 from workflows.studies.data_error import _sources as sources
 from workflows.studies.fe2_reference import read_exact
-from workflows.studies.methods import CLASSICAL, SECOND_ORDER, SecondOrder
+from workflows.studies.methods import grid_methods
 from workflows.studies.metric import metric
 from workflows.studies.one_load import Study, make_bench
 from workflows.studies.prerequisites import Chain
@@ -33,6 +35,12 @@ def scaled(chain, tmp_path_factory):
     """The study of the metric on the runs of the chain."""
     out = tmp_path_factory.mktemp("metric")
     return out, metric(Study(out, "stretch", SHEET, chain.dns, chain.data), factors=(0.3, 1.0, 3.0))
+
+
+def impatient(monkeypatch):
+    """Data as points get a single iteration."""
+    for name in ("classical", "classical, omega 1"):
+        monkeypatch.setitem(dd.METHODS, name, dd.METHODS[name].tuned(max_iterations=1))
 
 
 def errors(summary, method, size):
@@ -56,14 +64,14 @@ def test_the_metric_matters_to_points_and_not_to_tangent_spaces(scaled, chain, i
     bench = make_bench(Scene("stretch", 0.04, elements=(4, 4, 1)), C, data, read_blocks(chain.dns, "first_piola"))
     assert bench.solve(data)[0]["error_mech"] == pytest.approx(first[3.0], rel=1e-9)
     C = dd.Metric(3.0 * np.array(summary["metric"]["second order"]), "3 times")
-    projection = dd.make_projection(bench.operator, C, bench.conditions)
+    projection = dd.project(bench.projection.problem, C)
     result = dd.solve_second_order(projection, dd.TangentSearch(data, C))
-    found = solution_errors(bench.operator, C, result, bench.blocks).row("p")
+    found = solution_errors(result, bench.blocks).row("p")
     assert found["error_mech"] == pytest.approx(second[3.0], rel=1e-9)
 
 
 def test_a_metric_that_does_not_converge_is_a_row_that_says_why(chain, tmp_path, monkeypatch, is_png):
-    monkeypatch.setattr("workflows.studies.methods._PATIENT", 1)
+    impatient(monkeypatch)
     study = Study(tmp_path, "stretch", SHEET, chain.dns, chain.data)
     summary = metric(study, factors=(1.0, 10.0), sizes=(100,))
     with (tmp_path / "metric.csv").open() as stream:
@@ -110,13 +118,12 @@ def test_every_cell_of_the_grid_converges_or_says_why(grid):
 
 @pytest.mark.parametrize("name", ["classical", "second order", "second order, 2 % noise, averages"])
 def test_a_false_claim_is_found(name, chain):
-    method = (CLASSICAL | SECOND_ORDER)[name]
-    data = method.data(read_dataset(chain.data))
+    method = grid_methods()[name]
+    data = method.given(read_dataset(chain.data))
     scene = Scene("shear", 0.04, elements=(4, 3, 1))
-    domain = scene.build(MPI.COMM_SELF)
     C = dd.metric_from_dataset(data)
     C = dd.Metric(5 * C.C, "far too stiff")  # many iterations
-    projection = dd.Projection(dd.StrainOperator(domain), C, scene.conditions(domain))
+    projection = dd.project(scene.problem(MPI.COMM_SELF), C)
     search = method.search(data, C)
     result = method.solve(projection, search)
     assert result.iterations > 1
@@ -132,12 +139,12 @@ def claim(method, projection, search, z, result):
     """The first iterate, called converged."""
     z = method.once(projection, search, z)
     index, _ = search.nearest(search.metric.whiten(z.strain, z.stress))
-    held = {"held": 0} if isinstance(method, SecondOrder) else {}
+    held = {"held": 0} if method.order == 2 else {}
     return dataclasses.replace(result, mechanical=z, index=index, **held)
 
 
 def test_cells_that_fail_say_why(chain, tmp_path, monkeypatch, is_png):
-    monkeypatch.setattr("workflows.studies.methods._PATIENT", 1)
+    impatient(monkeypatch)
     monkeypatch.setattr(
         "workflows.studies.convergence.METRICS", {"default": ("auto", 1.0), "0.1 default": ("auto", 0.1)}
     )
@@ -198,9 +205,9 @@ def test_tangents_and_adaptive_data_leave_less_error(left, chain, is_png):
 def test_fe2_has_no_error_against_itself(left):
     out, _ = left
     scene = Scene("shear", 0.03, elements=(3, 3, 1))
-    exact = read_exact(out / "fe2-shear-small-full", scene, 1e-8)
-    law = RVELaw(sheet_rve(1e-8))
-    result = dd.solve_law(exact.operator, law, exact.conditions)
+    exact = read_exact(out / "fe2-shear-small-full", scene, Tissue())
+    law = RVELaw(RVESpec(free=()).build())
+    result = dd.equilibrium(exact.problem, law)
     errors = exact.errors(result)
     assert max(errors[name] or 0.0 for name in errors) < 1e-8
     # 10 % too much stress
@@ -223,9 +230,9 @@ def test_fe2_has_no_error_against_itself(left):
         ("load", {"load": "stretch"}),
     ):
         with pytest.raises(InputError, match=f"fe2: expected {name} "):
-            read_exact(out / "fe2-shear-small-full", dataclasses.replace(scene, **other), 1e-8)
+            read_exact(out / "fe2-shear-small-full", dataclasses.replace(scene, **other), Tissue())
     with pytest.raises(InputError, match="fe2: expected bar_force 2e-08 in"):
-        read_exact(out / "fe2-shear-small-full", scene, 2e-8)
+        read_exact(out / "fe2-shear-small-full", scene, Tissue(bar_force=2e-8))
 
 
 def test_data_are_in_the_stress_of_fe2_and_of_its_rve(chain, tmp_path):
@@ -245,13 +252,13 @@ def test_data_are_in_the_stress_of_fe2_and_of_its_rve(chain, tmp_path):
 
 def test_an_adaptive_run_that_fails_is_a_row_that_says_why(left, monkeypatch):
     out, _ = left
-    exact = read_exact(out / "fe2-shear-small-full", Scene("shear", 0.03, elements=(3, 3, 1)), 1e-8)
+    exact = read_exact(out / "fe2-shear-small-full", Scene("shear", 0.03, elements=(3, 3, 1)), Tissue())
 
     def fail(*arguments, **more):
         raise ConvergenceError("it left")
 
-    monkeypatch.setattr("workflows.studies.fe2_reference.adapt", fail)
-    (row,) = all_rows(exact, {}, 1, (4,), 1e-8)
+    monkeypatch.setattr("workflows.studies.fe2_reference.adaptive", fail)
+    (row,) = all_rows(exact, {}, 1, (4,), Tissue())
     assert (row["states"], row["state"], row["reason"]) == (4, None, "it left")
     assert set(row) == set(left[1]["rows"][0])
 

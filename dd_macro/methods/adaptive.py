@@ -1,0 +1,298 @@
+"""Adaptive sampling: the problem decides at which strains data are computed, from a single datum or none on.
+
+A round takes one step of the second-order solve from the last state on, which shows well enough what strains there
+are, and asks the source for data at those where they are missing most (dd_macro.methods.clusters). It ends where the
+error that the data leave is small, or the budget is used; then the problem is solved to the end. The metric, and so the
+factorised projection, is that of the first data throughout.
+
+The error of second-order data goes with the square r^2 of the strain's distance from the nearest datum. A round that
+lowers the mean of r^2 to a part rho leaves that part of the last error; what it changes is the rest, hence
+error = change rho / (1 - rho).
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any, Self
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from dd_macro.material.metric import Metric
+from dd_macro.material.source import Source
+from dd_macro.material.tangent_spaces import TangentSearch
+from dd_macro.methods.clusters import cluster
+from dd_macro.methods.method import SILENT, Material, Watch, with_iterations
+from dd_macro.methods.metric_choice import choose_metric
+from dd_macro.methods.projection import MechanicalState, Projection, relative_distance
+from dd_macro.methods.second_order import SecondOrderOptions, SecondOrderResult, solve_second_order
+from dd_macro.methods.second_order_steps import Record
+from dd_macro.methods.theory import local_tangent_step, project
+from dd_macro.parallel import one_thread, total
+from dd_macro.scene.problem import Problem
+from tsg_micro.data.dataset import Dataset, convert_dataset, join_datasets
+from tsg_micro.data.errors import InputError
+
+__all__ = ["Adaptation", "AdaptiveMethod", "AdaptiveResult", "PreparedAdaptive", "Round"]
+
+Array = NDArray[np.float64]
+_MOST_ROUNDS = 1000
+_LEFT = 0.9
+"""Where a round hardly lowers the distance, the error is not more than nine times its change."""
+_HOLD_AFTER = 8
+"""Points still between two data after so many searches of the last solve do not matter to the error."""
+
+
+@dataclass(frozen=True)
+class Adaptation:
+    """How the data are adapted: at most ``budget`` new ones; done at an estimated error of ``tolerance`` or less.
+
+    A round has ``growth`` times the data that the last one used.
+
+    Raises:
+        InputError: on construction, where a value is out of range.
+    """
+
+    budget: int = 200
+    tolerance: float = 5e-3
+    growth: float = 4.0
+
+    def __post_init__(self) -> None:
+        if self.budget < 1:
+            raise InputError(f"rve_budget: expected at least 1, got {self.budget}")
+        if not 0 <= self.tolerance < 1:
+            raise InputError(f"adapt_tolerance: expected a number from 0 to less than 1, got {self.tolerance}")
+        if not 1 < self.growth < np.inf:
+            raise InputError(f"growth: expected more than 1, got {self.growth}")
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round. ``rves`` computed so far, ``failed`` ones among them, and ``data`` it had; ``iterations`` it took:
+    none where elasticity is all that the one datum stands for, then one, in the last round those of the solve as well.
+    ``change`` of the state since the last round in the metric, relative to the state, and the ``error`` that is left by
+    it; None in the first. ``gap`` is the root mean square of the strain from the nearest datum, relative to that of the
+    strain. ``surprise`` is the error that the last data had where RVEs were computed for this round: that of their
+    stress, relative to all stress, which is more than the error elsewhere. Seconds count from the start.
+    """
+
+    rves: int
+    failed: int
+    data: int
+    change: float | None
+    error: float | None
+    gap: float
+    surprise: float | None
+    seconds_rve: float
+    iterations: int
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdaptiveResult(SecondOrderResult):
+    """The last solve and the data that it used; all rounds, and why they ended."""
+
+    rounds: tuple[Round, ...]
+    adapt_reason: str
+
+    @property
+    def note(self) -> str:
+        """How it went."""
+        return f"{len(self.rounds)} rounds, {sum(r.iterations for r in self.rounds)} iterations"
+
+    def figures(self) -> dict[str, tuple[Any, str]]:
+        """Numbers of the solution for a summary, with the history, one number a round; collective."""
+        last = self.rounds[-1]
+        units = {"change": "1", "error": "1", "gap": "1", "surprise": "1", "seconds_rve": "s", "seconds": "s"}
+        history = {
+            f"{name}_rounds": ([getattr(r, name) for r in self.rounds], units.get(name, "")) for name in asdict(last)
+        }
+        ends = {"adapt_reason": (self.adapt_reason, ""), "rves": (last.rves, ""), "failed_rves": (last.failed, "")}
+        costs = {"estimated_error": (last.error, "1"), "seconds_rve": (last.seconds_rve, "s")}
+        return super().figures() | ends | costs | history
+
+
+@dataclass(frozen=True)
+class AdaptiveMethod:
+    """Data as tangent spaces, and more of them from the source of the material."""
+
+    plan: Adaptation = field(default_factory=Adaptation)
+    options: SecondOrderOptions = field(default_factory=SecondOrderOptions)
+    theories: tuple[str, ...] = ("small", "finite")
+    variant_of: str = ""
+
+    def prepare(
+        self, problem: Problem, material: Material, *, projection: Projection | None = None
+    ) -> PreparedAdaptive:
+        """Nothing is made before the first data are there; see dd_macro.Method."""
+        if material.source is None:
+            raise InputError("material: expected a source of data, got none")
+        if material.dataset is not None and material.dataset.tangent is None:
+            raise InputError("data: expected tangents for --adapt, got none")
+        return PreparedAdaptive(self, problem, material, material.source)
+
+    def tuned(self, *, max_iterations: int | None = None, over_relaxation: float | None = None) -> Self:
+        """See dd_macro.Method."""
+        return with_iterations(self, max_iterations, over_relaxation)
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedAdaptive:
+    """A problem, and the source of its data."""
+
+    method: AdaptiveMethod
+    problem: Problem
+    material: Material
+    source: Source
+    text: str = ""
+    seconds_metric: float = 0.0
+
+    @one_thread
+    def solve(self, start: MechanicalState | None = None, watch: Watch = SILENT) -> AdaptiveResult:
+        """The solution; ``watch.keep`` gets the data of every round. It does not depend on the number of ranks.
+
+        Raises:
+            InputError: the measure does not fit the data.
+            ConvergenceError: a solve failed; the data until then were kept.
+        """
+        begin, plan = time.perf_counter(), self.method.plan
+        data = _Data(self.material, self.source)
+        rounds = _Rounds(self, data, start)
+        while not rounds.reason:
+            known = data.all
+            watch.keep(known)
+            numbers = rounds.step(known)
+            error = numbers["error"]
+            told = f": estimated error {error:.2e}" if error is not None else ""
+            watch.say(f"{data.rves} RVEs, {len(known)} data{told}")
+            if error is not None and error <= plan.tolerance:
+                rounds.reason = "estimated error reached"
+            elif data.rves >= plan.budget:
+                rounds.reason = "RVE budget used"
+            else:
+                rounds.grow(known)
+            if rounds.reason:
+                options = replace(self.method.options, hold_after=_HOLD_AFTER)
+                result = solve_second_order(rounds.projection, rounds.search, start=rounds.z, options=options)
+                numbers["iterations"] += result.iterations
+            rounds.done.append(Round(**numbers, seconds=time.perf_counter() - begin))
+        found = {f.name: getattr(result, f.name) for f in fields(result)}
+        return AdaptiveResult(**found, rounds=tuple(rounds.done), adapt_reason=rounds.reason)
+
+
+class _Rounds:
+    """What goes from round to round: the state, the search of the last data, how far its strains are from them."""
+
+    def __init__(self, prepared: PreparedAdaptive, data: _Data, start: MechanicalState | None) -> None:
+        self.problem, self.plan, self.data = prepared.problem, prepared.method.plan, data
+        metric = prepared.material.metric
+        if isinstance(metric, str):
+            metric = choose_metric(metric, self.problem, data.all, order=2)
+        self.projection = project(self.problem, metric)
+        self._onto = local_tangent_step(Record(self.projection, _MOST_ROUNDS, None))
+        self._given = prepared.material.dataset is not None
+        self._away = np.inf
+        self._surprise: float | None = None
+        self.z = self.projection.elastic() if start is None else start
+        self.done: list[Round] = []
+        self.reason = ""
+
+    def step(self, known: Dataset) -> dict[str, Any]:
+        """One step with the data ``known``: the numbers of its round."""
+        operator, C, last, data = self.problem.operator, self.projection.metric, self.z, self.data
+        self.search = TangentSearch(known, C)
+        self.spaces, iterations = self.search.spaces(last.strain, last.stress), 0
+        if self.done or self._given:
+            step = self._onto
+            self.z, iterations = step(last, self.spaces, changed=0, search=0.0, final=step.exact), 1
+        change = relative_distance(operator, C, last, self.z) if self.done else None
+        datum = known.strain[self.spaces.index]
+        (gap, new), old = _gap(operator.comm, operator.weights, C, self.z.strain, datum), self._away
+        self._away, left = new, min(new / old, _LEFT) if old > 0 else _LEFT
+        return {
+            "rves": data.rves,
+            "failed": data.failed,
+            "data": len(known),
+            "change": change,
+            "error": None if change is None else change * left / (1.0 - left),
+            "gap": gap,
+            "surprise": self._surprise,
+            "seconds_rve": data.seconds,
+            "iterations": iterations,
+        }
+
+    def grow(self, known: Dataset) -> None:
+        """Ask for more data, or say why there are no more."""
+        comm, w, plan = self.problem.operator.comm, self.problem.operator.weights, self.plan
+        used = np.count_nonzero(total(comm, np.bincount(self.spaces.index, minlength=len(known))))
+        count, rest = max(1, round((plan.growth - 1.0) * used)), plan.budget - self.data.rves
+        count = rest if rest < 2 * count else count  # no small round in the end
+        metric = self.projection.metric
+        wanted, nearest = cluster(comm, self.z.strain, w, known.strain, count=count, metric=metric)
+        found = self.data.add(wanted, known.strain[nearest]) if len(wanted) else None
+        if found is None:
+            self.reason = "no RVE reached its strain" if len(wanted) else "every strain has its datum"
+        else:
+            self._surprise = _surprise(found, self.search)
+
+
+class _Data:
+    """The data so far, ``all`` of them, and what the source did: how many were asked for, failed, and took seconds.
+
+    Raises:
+        InputError: the measure does not fit the data.
+    """
+
+    def __init__(self, material: Material, source: Source) -> None:
+        base = material.dataset
+        self.measure = material.measure or ("first_piola" if base is None else base.stress_measure)
+        self.source, self.base = source, None if base is None else convert_dataset(base, self.measure)
+        self._new: Dataset | None = None
+        self.rves = self.failed = 0
+        self.seconds = 0.0
+        if base is None:
+            self.add(np.zeros((1, 6)), np.zeros((1, 6)))
+
+    @property
+    def all(self) -> Dataset:
+        """The base and what was added, as one."""
+        if self.base is None or self._new is None:
+            one = self.base or self._new
+            assert one is not None
+            return one
+        return join_datasets(self.base, self._new)
+
+    def add(self, strains: Array, origins: Array) -> Dataset | None:
+        """Add data at ``strains`` and return them, see dd_macro.Source; None if none was reached."""
+        clock = time.perf_counter()
+        found = self.source.states(strains, origins)
+        self.seconds += time.perf_counter() - clock
+        self.rves += len(strains)
+        self.failed += len(strains) - (0 if found is None else len(found))
+        if found is None:
+            return None
+        found = convert_dataset(found, self.measure)
+        if self._new is None:
+            self._new = found
+        else:  # of one run: unlike join_datasets it has one source
+            more = found.arrays()
+            arrays: dict[str, Any] = {name: np.concatenate([a, more[name]]) for name, a in self._new.arrays().items()}
+            self._new = replace(self._new, **arrays)
+        return found
+
+
+def _gap(comm: MPI.Comm, w: Array, C: Metric, strain: Array, datum: Array) -> tuple[float, float]:
+    """Root mean square of the distance r of the strain from its datum, relative to that of the strain; that of r^2."""
+    off, all_of_it = (((e @ C.factor) ** 2).sum(axis=1) for e in (strain - datum, strain))
+    sums = total(comm, [w @ off, w @ all_of_it, w @ off**2])
+    return float(np.sqrt(sums[0] / sums[1])), float(np.sqrt(sums[2]))
+
+
+def _surprise(found: Dataset, search: TangentSearch) -> float:
+    """Error of the stress that the data of ``search`` predict for the strains of ``found``, relative, in the metric."""
+    spaces, whiten = search.spaces(found.strain, found.stress), search.metric.whiten
+    stress = spaces.stress + np.einsum("nij,nj->ni", spaces.tangent, found.strain - spaces.strain)
+    size = np.linalg.norm(whiten(np.zeros_like(stress), found.stress))
+    return float(np.linalg.norm(whiten(np.zeros_like(stress), stress - found.stress)) / size) if size > 0 else 0.0

@@ -1,0 +1,65 @@
+"""Newton's method with a law: one that is fitted to the data, or one that is given, as RVEs in FE2."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Self
+
+from dd_macro.material.laws import Law
+from dd_macro.methods.method import SILENT, Material, Watch, with_iterations
+from dd_macro.methods.newton import NewtonIteration, ReferenceOptions, ReferenceResult, equilibrium
+from dd_macro.methods.projection import MechanicalState, Projection
+from dd_macro.scene.problem import Problem
+from tsg_micro.data.dataset import Dataset
+from tsg_micro.data.errors import InputError
+
+__all__ = ["LawMethod", "PreparedLaw"]
+
+
+@dataclass(frozen=True)
+class LawMethod:
+    """``fit`` makes the law of the data; None takes the law of the material. The load is applied in ``steps`` parts."""
+
+    fit: Callable[[Dataset], Law] | None = None
+    steps: int = 1
+    options: ReferenceOptions = field(default_factory=ReferenceOptions)
+    theories: tuple[str, ...] = ("small", "finite")
+    variant_of: str = ""
+
+    def prepare(self, problem: Problem, material: Material, *, projection: Projection | None = None) -> PreparedLaw:
+        """The law; see dd_macro.Method."""
+        if self.fit is not None:
+            return PreparedLaw(self, problem, self.fit(material.data()), material.dataset)
+        if material.law is None:
+            raise InputError("material: expected a law, got none")
+        return PreparedLaw(self, problem, material.law, None)
+
+    def tuned(self, *, max_iterations: int | None = None, over_relaxation: float | None = None) -> Self:
+        """See dd_macro.Method; iterations are those of a load step."""
+        return with_iterations(self, max_iterations, over_relaxation)
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedLaw:
+    """A problem with a law."""
+
+    method: LawMethod
+    problem: Problem
+    law: Law
+    dataset: Dataset | None
+    text: str = ""
+    seconds_metric: float = 0.0
+
+    def solve(self, start: MechanicalState | None = None, watch: Watch = SILENT) -> ReferenceResult:
+        """The solution; it starts at rest, whatever ``start`` is."""
+        begin = time.perf_counter()
+
+        def progress(it: NewtonIteration) -> None:
+            seconds = time.perf_counter() - begin
+            watch.say(f"load {it.load:.4g}, step {it.step:.4g}: residual {it.residual:.2e}, {seconds:.0f} s")
+
+        method = self.method
+        result = equilibrium(self.problem, self.law, steps=method.steps, options=method.options, progress=progress)
+        return replace(result, dataset=self.dataset)

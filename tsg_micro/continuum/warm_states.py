@@ -1,0 +1,132 @@
+"""States of one RVE from which it goes on: each keeps its unknowns and how they follow the strain."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from tsg_micro.continuum.rve import RVE, RVEState
+from tsg_micro.data.mandel import to_mandel
+
+__all__ = ["Effort", "WarmRVE", "WarmStates"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass
+class Effort:
+    """What an RVE has done so far."""
+
+    calls: int = 0
+    points: int = 0
+    """States that were asked for."""
+    solves: int = 0
+    """RVEs that were solved; the others followed a tangent."""
+    iterations: int = 0
+    """Newton iterations of the RVEs."""
+    factorisations: int = 0
+    seconds: float = 0.0
+
+    def numbers(self) -> Array:
+        """All of it as an array, which can be summed over ranks."""
+        return np.array([getattr(self, field.name) for field in fields(self)], dtype=float)
+
+    @contextmanager
+    def of(self, points: int) -> Iterator[None]:
+        """A call for so many points; BLAS has one thread, since the blocks are small."""
+        begin = time.perf_counter()
+        try:
+            with threadpool_limits(1):
+                yield
+        finally:
+            self.calls += 1
+            self.points += points
+            self.seconds += time.perf_counter() - begin
+
+
+@dataclass(frozen=True)
+class WarmStates:
+    """States of n points, about 11 kB each for one block; every array has a leading axis n."""
+
+    strain: Array
+    """Small strain, Mandel (n, 6)."""
+    stress: Array
+    """Symmetric first Piola stress, Mandel (n, 6), Pa."""
+    tangent: Array
+    F: Array
+    first_piola: Array
+    energy: Array
+    unknowns: Array
+    rate: NDArray[np.float32]
+    """d y / d strain; single precision: it only makes a first guess."""
+    negative_pivots: Index
+
+    @classmethod
+    def of(cls, state: RVEState, rve: RVE) -> WarmStates:
+        """The state in which ``rve`` is now, of one point."""
+        assert state.tangent is not None
+        assert state.rate is not None
+        return cls(
+            strain=state.strain[None],
+            stress=to_mandel(state.first_piola)[None],
+            tangent=state.tangent[None],
+            F=state.F[None],
+            first_piola=state.first_piola[None],
+            energy=np.array([state.energy]),
+            unknowns=rve.solver.y[None].copy(),
+            rate=state.rate[None].astype(np.float32),
+            negative_pivots=np.array([state.equilibrium.negative_pivots or 0]),
+        )
+
+    def __len__(self) -> int:
+        return len(self.strain)
+
+    def take(self, index: Index | list[int]) -> WarmStates:
+        """The states of these numbers."""
+        return WarmStates(*(getattr(self, field.name)[index] for field in fields(self)))
+
+    def put(self, i: int, other: WarmStates, k: int) -> None:
+        """State k of ``other`` in place i."""
+        for field in fields(self):
+            getattr(self, field.name)[i] = getattr(other, field.name)[k]
+
+    @classmethod
+    def join(cls, parts: list[WarmStates]) -> WarmStates:
+        """All states of ``parts``, of which there is one at least."""
+        return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
+
+
+class WarmRVE:
+    """An RVE without free components that goes from any known state to the next; ``effort`` counts what it did."""
+
+    def __init__(self, rve: RVE) -> None:
+        """``rve`` is moved about.
+
+        Raises:
+            ConvergenceError: it has no equilibrium in its reference state.
+        """
+        self.rve, self.effort = rve, Effort()
+        rve.reset()
+        self.reference = WarmStates.of(rve.solve_strain(np.zeros(6)), rve)
+
+    def solve(self, strain: Array, states: WarmStates, k: int) -> WarmStates:
+        """The state at ``strain`` (6,), from state k of ``states``.
+
+        Raises:
+            ConvergenceError: the equilibrium was lost on the way.
+            InputError: the strain is inside out.
+        """
+        solver = self.rve.solver
+        solver.move_to(states.unknowns[k], np.zeros(solver.system.nodal_size))
+        state = self.rve.solve_strain(strain, rate=states.rate[k].astype(float))
+        self.effort.solves += 1
+        self.effort.iterations += state.equilibrium.iterations
+        self.effort.factorisations += state.equilibrium.factorisations
+        return WarmStates.of(state, self.rve)
