@@ -24,7 +24,6 @@ from dd_macro.methods.projection import MechanicalState, Projection
 from dd_macro.parallel import total
 from dd_macro.scene.kinematics import FiniteStrain
 from dd_macro.scene.linear import LinearSolver
-from dd_macro.scene.spaces import TangentMatrix
 from tsg_micro.data.errors import ConvergenceError
 
 __all__ = ["AlternatingStep", "FiniteTangentStep", "LocalTangentStep", "Record", "Step"]
@@ -145,7 +144,7 @@ class LocalTangentStep:
 
     def __init__(self, record: Record) -> None:
         self.record = record
-        self._matrix = TangentMatrix(record.projection.operator)
+        self._matrix = record.projection.operator.stiffness()
         self._linear: LinearSolver | None = None
 
     def __call__(
@@ -176,10 +175,12 @@ class LocalTangentStep:
 
     def _factorise(self, tangent: Array) -> LinearSolver:
         """The solver of the symmetric part of the moduli ``tangent`` (n, 6, 6) or (n, 9, 9)."""
-        K = self._matrix.assemble(0.5 * (tangent + tangent.swapaxes(1, 2)))
+        self._matrix.assemble(0.5 * (tangent + tangent.swapaxes(1, 2)))
         if self._linear is None:
             scene = self.record.projection
-            self._linear = LinearSolver(scene.operator, K, scene.problem.fixed, prefix="dd_tangent_", definite=False)
+            self._linear = LinearSolver(
+                scene.operator, self._matrix, scene.problem.fixed, prefix="dd_tangent_", definite=False
+            )
         else:
             self._linear.update()
         return self._linear

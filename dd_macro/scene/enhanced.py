@@ -1,0 +1,93 @@
+"""Trilinear hexahedra that bend: enhanced assumed strain with nine modes, unknowns inside the element.
+
+The displacement gets three inner functions, 1 - xi_b^2 in the element's own coordinates xi in [-1, 1], each times an
+amplitude a_b (3,) in m. They do not fit to those of the neighbours, and only their strain counts: with the gradients
+    g_b = -2 (j_0 / j) xi_b grad_0 xi_b,      M a = sum_b sym(a_b g_b^T)
+(j the determinant of the map to the element, 0: at its centre) the strain is epsilon = B u + M a, and equilibrium gets
+M^T W sigma = 0 in every element. As int M dV = 0, a constant stress meets that on any mesh: the patch test. M has xi,
+eta, zeta on the normal strains and two linear functions on each shear strain, turned to x, y, z by the map.
+
+The unknowns are one vector: the displacement of the nodes, then a of the cells, (3 * nodes + 9 * cells,) in m. Whoever
+solves for it condenses a in the elements (dd_macro.scene.condensation).
+"""
+
+from __future__ import annotations
+
+import basix
+import numpy as np
+from numpy.typing import NDArray
+
+from dd_macro.scene.condensation import CondensedMatrix
+from dd_macro.scene.mesh import TaggedMesh
+from dd_macro.scene.spaces import Stiffness, StrainOperator
+from tsg_micro.data.mandel import from_mandel, to_mandel
+
+__all__ = ["EnhancedModes", "EnhancedStrainOperator"]
+
+Array = NDArray[np.float64]
+
+
+class EnhancedModes:
+    """M of the cells of an operator: strain of the amplitudes, and their forces; ``size`` of the amplitudes."""
+
+    def __init__(self, operator: StrainOperator) -> None:
+        element = basix.create_element(basix.ElementFamily.P, basix.CellType.hexahedron, 1)
+        centre = element.tabulate(1, np.full((1, 3), 0.5))[1:, 0, :, 0]
+        J = np.einsum("kn,cni->cik", centre, operator.cell_corners)
+        # basix has the unit cube: xi = 2 X - 1
+        self._gradient = -4.0 * np.linalg.inv(J)  # of 1 - xi_b^2 over xi_b at the centre, (cells, b, 3)
+        self._xi = 2.0 * operator.reference_points - 1.0
+        self._volume = np.abs(np.linalg.det(J))
+        jacobian = operator.weights.reshape(len(J), -1) / operator.reference_weights
+        self._ratio = self._volume[:, None] / jacobian
+        self._weighted = operator.reference_weights[:, None] * self._xi
+        self.size = 9 * len(J)
+
+    @property
+    def gradients(self) -> Array:
+        """g_b (cells, points, 3, 3) in 1/m at the quadrature points."""
+        return np.einsum("cq,qb,cbi->cqbi", self._ratio, self._xi, self._gradient)
+
+    def strain(self, a: Array) -> Array:
+        """M a, Mandel (n, 6), of the amplitudes a (9 * cells,) in m."""
+        linear = to_mandel(a.reshape(-1, 3, 3)[..., None] * self._gradient[:, :, None])  # (cells, b, 6)
+        return (self._ratio[..., None] * (self._xi @ linear)).reshape(-1, 6)
+
+    def force(self, stress: Array) -> Array:
+        """M^T W sigma (9 * cells,) in N of the Mandel stress (n, 6) in Pa."""
+        moment = self._weighted.T @ stress.reshape(len(self._volume), -1, 6)
+        force = from_mandel(self._volume[:, None, None] * moment) @ self._gradient[..., None]
+        return np.asarray(force.reshape(-1))
+
+
+class _Enhanced(StrainOperator):
+    """What small and finite strain share: more unknowns, of which the matrix is condensed."""
+
+    def __init__(self, domain: TaggedMesh) -> None:
+        super().__init__(domain, degree=1)
+        self.modes = EnhancedModes(self)
+
+    @property
+    def owned_dofs(self) -> int:
+        """Number of unknowns that this rank owns: components of the displacement, and nine of each cell."""
+        return super().owned_dofs + self.modes.size
+
+    def stiffness(self, C: Array | None = None) -> Stiffness:
+        """The condensed matrix, assembled with the modulus ``C`` (6, 6) in Pa if there is one."""
+        matrix = CondensedMatrix(self, self.modes.gradients)
+        if C is not None:
+            matrix.assemble(C)
+        return matrix
+
+
+class EnhancedStrainOperator(_Enhanced):
+    """B, M and W in small strain: epsilon = B u + M a (n, 6)."""
+
+    def strain(self, u: Array) -> Array:
+        """Mandel strain (n, 6) at the quadrature points of the unknowns u (3 * nodes + 9 * cells,) in m."""
+        nodal, inner = np.split(u, [3 * self.owned_nodes])
+        return super().strain(nodal) + self.modes.strain(inner)
+
+    def force(self, stress: Array) -> Array:
+        """Forces (3 * nodes + 9 * cells,) in N of the Mandel stress (n, 6) in Pa."""
+        return np.concatenate([super().force(stress), self.modes.force(stress)])
