@@ -22,7 +22,7 @@ from dd_macro.methods.finite_projection import state_on
 from dd_macro.methods.points import Iteration
 from dd_macro.methods.projection import MechanicalState, Projection
 from dd_macro.parallel import total
-from dd_macro.scene.kinematics import FiniteStrain
+from dd_macro.scene.kinematics import Kinematics
 from dd_macro.scene.linear import LinearSolver
 from tsg_micro.data.errors import ConvergenceError
 
@@ -197,7 +197,7 @@ class FiniteTangentStep(LocalTangentStep):
     def __init__(self, record: Record) -> None:
         super().__init__(record)
         self.scene = record.projection
-        self._last: tuple[Array, FiniteStrain] | None = None
+        self._last: tuple[Array, Kinematics] | None = None
 
     def __call__(
         self, z: MechanicalState, spaces: TangentSpaces, *, changed: int, search: float, final: bool
@@ -228,11 +228,11 @@ class FiniteTangentStep(LocalTangentStep):
             "all forces"
         )
 
-    def _on(self, spaces: TangentSpaces, u: Array) -> tuple[MechanicalState, FiniteStrain, float]:
+    def _on(self, spaces: TangentSpaces, u: Array) -> tuple[MechanicalState, Kinematics, float]:
         """State of the nodal u on the tangent spaces, its kinematics, and the out-of-balance force, inf inside out."""
         scene = self.scene
         if self._last is None or self._last[0] is not u:  # a step starts where the last one ended
-            self._last = u, FiniteStrain(scene.operator.strain(u))
+            self._last = u, scene.operator.local(scene.operator.strain(u))
         found = self._last[1]
         stress = spaces.stress + np.einsum("nij,nj->ni", spaces.tangent, found.strain - spaces.strain)
         state = state_on(u, found, stress)

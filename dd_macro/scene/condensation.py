@@ -53,7 +53,7 @@ class CondensedMatrix(Stiffness):
         self._place = self._kind
 
     def assemble(self, C: Array) -> PETSc.Mat:
-        """``matrix`` with the moduli C in Pa, (n, 6, 6), or one (6, 6) for all points; symmetric."""
+        """``matrix`` with the moduli C in Pa, (n, 6, 6) or (n, 15, 15), or one (6, 6) for all points; symmetric."""
         self.matrix.zeroEntries()
         if C.ndim == 2:
             kinds = np.arange(len(self._weights))
@@ -99,7 +99,7 @@ class CondensedMatrix(Stiffness):
         """Condensed K (k, 24, 24), K_aa^-1 K_au (k, 9, 24) and K_aa^-1 (k, 9, 9) of the moduli C (k, points, ...)."""
         kind = kind[:1] if len(self._weights) == 1 else kind  # one for all
         gradients, k = self._gradients[kind], len(C)
-        N = _mandel(gradients)
+        N = _mandel(gradients) if C.shape[-1] == 6 else _gradient_and_mandel(gradients)
         CN = (self._weights[kind][..., None, None] * C) @ N
         K = N.reshape(len(kind), -1, 33).swapaxes(1, 2) @ CN.reshape(k, -1, 33)
         inverse = np.linalg.inv(K[:, 24:, 24:])
@@ -118,4 +118,13 @@ def _mandel(gradients: Array) -> Array:
         for m in range(6):
             for j in np.flatnonzero(BASIS[m, i]):
                 N[..., m, i::3] = BASIS[m, i, j] * gradients[..., j]
+    return N
+
+
+def _gradient_and_mandel(gradients: Array) -> Array:
+    """Gradients row by row of the nodal functions, Mandel strains of the three inner ones: (..., 15, 33)."""
+    N = np.zeros((*gradients.shape[:-2], 15, 33))
+    for i in range(3):
+        N[..., 3 * i : 3 * i + 3, i:24:3] = gradients[..., :8, :].swapaxes(-1, -2)
+    N[..., 9:, 24:] = _mandel(gradients[..., 8:, :])
     return N
