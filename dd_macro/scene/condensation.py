@@ -6,8 +6,6 @@ Element matrices are made in NumPy for many cells at once, those of one modulus 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import dolfinx
 import dolfinx.fem.petsc
 import numpy as np
@@ -47,7 +45,7 @@ class CondensedMatrix(Stiffness):
             np.rint(offsets / scale).reshape(cells, 24).astype(np.int64), axis=0, return_index=True, return_inverse=True
         )
         self._gradients = np.concatenate([operator.shape_gradients(first), inner[first]], axis=2)
-        self._weights = operator.weights.reshape(cells, -1)[first]
+        self._weights = operator.weights.reshape(cells, operator.points_per_cell)[first]
         self._back = np.zeros((0, 9, 24))
         self._inverse = np.zeros((0, 9, 9))
         self._place = self._kind
@@ -55,20 +53,22 @@ class CondensedMatrix(Stiffness):
     def assemble(self, C: Array) -> PETSc.Mat:
         """``matrix`` with the moduli C in Pa, (n, 6, 6) or (n, 15, 15), or one (6, 6) for all points; symmetric."""
         self.matrix.zeroEntries()
-        if C.ndim == 2:
-            kinds = np.arange(len(self._weights))
-            points = np.broadcast_to(C, (len(kinds), self._weights.shape[1], 6, 6))
-            K, self._back, self._inverse = self._condensed(points, kinds)
+        cells, (kinds, points) = len(self._dofs), self._weights.shape
+        alike = C.ndim == 2 and kinds <= _CHUNK  # cells of one kind have one matrix
+        per_cell = np.broadcast_to(C, (cells, points, *C.shape)) if C.ndim == 2 else C
+        per_cell = per_cell.reshape(cells, points, *C.shape[-2:])
+        if alike:
             self._place = self._kind
-            for some in _chunks(len(self._dofs)):
-                self._insert(K[self._kind[some]], some)
+            K, self._back, self._inverse = self._condensed(per_cell[:kinds], np.arange(kinds))
         else:
-            cells, points = len(self._dofs), C.reshape(len(self._dofs), -1, *C.shape[1:])
-            self._back, self._inverse = np.empty((cells, 9, 24)), np.empty((cells, 9, 9))
             self._place = np.arange(cells)
-            for some in _chunks(cells):
-                K, self._back[some], self._inverse[some] = self._condensed(points[some], self._kind[some])
-                self._insert(K, some)
+            self._back, self._inverse = np.empty((cells, 9, 24)), np.empty((cells, 9, 9))
+        for some in (slice(begin, begin + _CHUNK) for begin in range(0, cells, _CHUNK)):
+            if not alike:
+                K, self._back[some], self._inverse[some] = self._condensed(per_cell[some], self._kind[some])
+            values = K[self._kind[some]] if alike else K
+            dofs = self._dofs[some]
+            self.matrix.setValuesBlockedLocalRCV(dofs, dofs, values.reshape(len(dofs), -1), PETSc.InsertMode.ADD_VALUES)
         self.matrix.assemble()
         return self.matrix
 
@@ -91,24 +91,17 @@ class CondensedMatrix(Stiffness):
         of_force = np.einsum("cab,cb->ca", self._inverse[self._place], force[3 * self._nodes :].reshape(-1, 9))
         return np.concatenate([u, (of_force - of_nodes).reshape(-1)])
 
-    def _insert(self, K: Array, some: slice) -> None:
-        dofs = self._dofs[some]
-        self.matrix.setValuesBlockedLocalRCV(dofs, dofs, K.reshape(len(dofs), -1), PETSc.InsertMode.ADD_VALUES)
-
     def _condensed(self, C: Array, kind: NDArray[np.int64]) -> tuple[Array, Array, Array]:
         """Condensed K (k, 24, 24), K_aa^-1 K_au (k, 9, 24) and K_aa^-1 (k, 9, 9) of the moduli C (k, points, ...)."""
         kind = kind[:1] if len(self._weights) == 1 else kind  # one for all
         gradients, k = self._gradients[kind], len(C)
         N = _mandel(gradients) if C.shape[-1] == 6 else _gradient_and_mandel(gradients)
         CN = (self._weights[kind][..., None, None] * C) @ N
-        K = N.reshape(len(kind), -1, 33).swapaxes(1, 2) @ CN.reshape(k, -1, 33)
+        rows = C.shape[1] * C.shape[2]
+        K = N.reshape(len(kind), rows, 33).swapaxes(1, 2) @ CN.reshape(k, rows, 33)
         inverse = np.linalg.inv(K[:, 24:, 24:])
         back = inverse @ K[:, 24:, :24]
         return K[:, :24, :24] - K[:, :24, 24:] @ back, back, inverse
-
-
-def _chunks(cells: int) -> Iterator[slice]:
-    return (slice(begin, min(begin + _CHUNK, cells)) for begin in range(0, cells, _CHUNK))
 
 
 def _mandel(gradients: Array) -> Array:

@@ -44,7 +44,7 @@ class EnhancedModes:
         self._gradient = -4.0 * np.linalg.inv(J)  # of 1 - xi_b^2 over xi_b at the centre, (cells, b, 3)
         self._xi = 2.0 * operator.reference_points - 1.0
         self._volume = np.abs(np.linalg.det(J))
-        jacobian = operator.weights.reshape(len(J), -1) / operator.reference_weights
+        jacobian = operator.weights.reshape(len(J), operator.points_per_cell) / operator.reference_weights
         self._ratio = self._volume[:, None] / jacobian
         self._weighted = operator.reference_weights[:, None] * self._xi
         self.size = 9 * len(J)
@@ -61,7 +61,7 @@ class EnhancedModes:
 
     def force(self, stress: Array) -> Array:
         """M^T W sigma (9 * cells,) in N of the Mandel stress (n, 6) in Pa."""
-        moment = self._weighted.T @ stress.reshape(len(self._volume), -1, 6)
+        moment = self._weighted.T @ stress.reshape(*self._ratio.shape, 6)
         force = from_mandel(self._volume[:, None, None] * moment) @ self._gradient[..., None]
         return np.asarray(force.reshape(-1))
 
