@@ -30,6 +30,7 @@ from dd_macro.results.quadrature_file import QuadratureFields, read_quadrature, 
 from dd_macro.results.vtkhdf import write_vtkhdf
 from dd_macro.results.write import write_solution
 from dd_macro.scene.boundary import Displacement
+from dd_macro.scene.enhanced import EnhancedGradientOperator, EnhancedStrainOperator
 from dd_macro.scene.kinematics import FiniteStrain
 from dd_macro.scene.loads import Load, Traction
 from dd_macro.scene.mesh import SIDES, TaggedMesh, box, read_msh
@@ -49,6 +50,8 @@ __all__ = [
     "DataDrivenResult",
     "DataMethod",
     "Displacement",
+    "EnhancedGradientOperator",
+    "EnhancedStrainOperator",
     "FieldError",
     "FiniteProjection",
     "FiniteState",

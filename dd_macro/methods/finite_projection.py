@@ -35,15 +35,19 @@ _TURNS, _SETTLED = 100, 1e-9
 
 @dataclass(frozen=True)
 class FiniteState(MechanicalState):
-    """``strain`` is the Biot strain, ``stress`` the Biot stress; F and first Piola stress P in Pa are (n, 3, 3)."""
+    """``strain`` is the Biot strain, ``stress`` the Biot stress; F and first Piola stress P in Pa are (n, 3, 3).
+
+    ``nominal`` is the stress of the equations, P (n, 9), or (n, 15) where the strain is enhanced.
+    """
 
     F: Array
     first_piola: Array
+    nominal: Array
 
     @property
     def nominal_stress(self) -> Array:
-        """First Piola stress (n, 9) in Pa."""
-        return self.first_piola.reshape(-1, 9)
+        """The stress of the equations in Pa."""
+        return self.nominal
 
 
 class FiniteProjection(Projection):
@@ -61,8 +65,8 @@ class FiniteProjection(Projection):
         U = np.eye(3) + from_mandel(strain)
         R = np.broadcast_to(np.eye(3), U.shape) if self._rotation is None else self._rotation
         for _ in range(_TURNS):
-            gap = (R @ U - np.eye(3)).reshape(-1, 9) - self._prescribed_strain
-            u = self.problem.prescribed + self._linear.solve(op.force(gap @ C))
+            gap = (R @ U - np.eye(3)).reshape(-1, 9) - self._prescribed_strain[:, :9]
+            u = self.problem.prescribed + self._linear.solve(op.force(gap @ C[:9]))
             found = self._kinematics(op.strain(u))
             turned = op.comm.allreduce(float(np.abs(found.R - R).max(initial=0.0)), MPI.MAX)
             R = found.R
@@ -73,7 +77,7 @@ class FiniteProjection(Projection):
                 f"finite strain: expected rotations to settle within {_TURNS} solves, the last turned by {turned:.3g}"
             )
         self._rotation = R
-        data = (R @ U @ second_piola(U, stress)).reshape(-1, 9)
+        data = found.turned(U, stress)
         eta = self._linear.solve(self.problem.forces - op.force(data))
         return _state(u, eta, found, data + op.strain(eta) @ C)
 
@@ -89,15 +93,16 @@ class FiniteProjection(Projection):
         return _state(u, np.zeros_like(u), found, found.nominal_stress(found.strain @ self.metric.C))
 
     def _kinematics(self, gradient: Array) -> FiniteStrain:
-        found = FiniteStrain(gradient)
+        found = self.operator.local(gradient)
+        assert isinstance(found, FiniteStrain)
         if self.operator.comm.allreduce(found.inside_out, MPI.LOR):
             raise ConvergenceError("finite strain: expected det F > 0 at every quadrature point, got less")
         return found
 
 
 def _state(u: Array, eta: Array, found: FiniteStrain, nominal: Array) -> FiniteState:
-    P = nominal.reshape(-1, 3, 3)
-    return FiniteState(u, eta, found.strain, found.material_stress(nominal), found.F, P)
+    P = found.first_piola(nominal)
+    return FiniteState(u, eta, found.strain, found.material_stress(nominal), found.deformation, P, nominal)
 
 
 def state_on(u: Array, found: Kinematics, stress: Array) -> MechanicalState:

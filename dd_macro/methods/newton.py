@@ -26,7 +26,7 @@ from dd_macro.scene.kinematics import Kinematics
 from dd_macro.scene.linear import LinearSolver
 from dd_macro.scene.loads import Load
 from dd_macro.scene.problem import Problem
-from dd_macro.scene.spaces import StrainOperator, TangentMatrix
+from dd_macro.scene.spaces import StrainOperator
 from tsg_micro.data.errors import ConvergenceError, InputError
 
 __all__ = ["NewtonIteration", "ReferenceOptions", "ReferenceResult", "equilibrium", "solve_law"]
@@ -204,7 +204,7 @@ class _Newton:
     def __init__(self, problem: Problem, law: Law, options: ReferenceOptions) -> None:
         self.problem, self.law, self.options = problem, law, options
         self.operator = problem.operator
-        self.matrix = TangentMatrix(problem.operator)
+        self.matrix = problem.operator.stiffness()
         self._linear: LinearSolver | None = None
         self._gross = 0.0
         self.history: list[NewtonIteration] = []
@@ -298,9 +298,9 @@ class _Newton:
     def _factorise(self, state: _State) -> Array:
         """Take the tangent at ``state``, and return its moduli (n, 6, 6) or (n, 9, 9) in Pa."""
         moduli = state.found.nominal_tangent(state.stress, state.tangent)
-        K = self.matrix.assemble(moduli)
+        self.matrix.assemble(moduli)
         if self._linear is None:
-            self._linear = LinearSolver(self.operator, K, self.problem.fixed, prefix="ref_", definite=False)
+            self._linear = LinearSolver(self.operator, self.matrix, self.problem.fixed, prefix="ref_", definite=False)
         else:
             self._linear.update()
         return moduli

@@ -21,7 +21,7 @@ from dd_macro.scene.boundary import Displacement
 from dd_macro.scene.linear import LinearSolver
 from dd_macro.scene.loads import Load
 from dd_macro.scene.problem import Problem
-from dd_macro.scene.spaces import StrainOperator, stiffness_matrix
+from dd_macro.scene.spaces import StrainOperator
 
 __all__ = ["MechanicalState", "Projection", "relative_distance"]
 
@@ -89,7 +89,7 @@ class Projection:
         self.problem, self.operator, self.metric = problem, operator, metric
         self._prescribed_strain = operator.strain(problem.prescribed)
         self._modulus = operator.modulus(metric.C)
-        self._linear = LinearSolver(operator, stiffness_matrix(operator, metric.C), problem.fixed, prefix="dd_")
+        self._linear = LinearSolver(operator, operator.stiffness(metric.C), problem.fixed, prefix="dd_")
         self.solver = self._linear.name
 
     def project(self, strain: Array, stress: Array) -> MechanicalState:

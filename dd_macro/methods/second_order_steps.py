@@ -22,9 +22,8 @@ from dd_macro.methods.finite_projection import state_on
 from dd_macro.methods.points import Iteration
 from dd_macro.methods.projection import MechanicalState, Projection
 from dd_macro.parallel import total
-from dd_macro.scene.kinematics import FiniteStrain
+from dd_macro.scene.kinematics import Kinematics
 from dd_macro.scene.linear import LinearSolver
-from dd_macro.scene.spaces import TangentMatrix
 from tsg_micro.data.errors import ConvergenceError
 
 __all__ = ["AlternatingStep", "FiniteTangentStep", "LocalTangentStep", "Record", "Step"]
@@ -145,7 +144,7 @@ class LocalTangentStep:
 
     def __init__(self, record: Record) -> None:
         self.record = record
-        self._matrix = TangentMatrix(record.projection.operator)
+        self._matrix = record.projection.operator.stiffness()
         self._linear: LinearSolver | None = None
 
     def __call__(
@@ -176,10 +175,12 @@ class LocalTangentStep:
 
     def _factorise(self, tangent: Array) -> LinearSolver:
         """The solver of the symmetric part of the moduli ``tangent`` (n, 6, 6) or (n, 9, 9)."""
-        K = self._matrix.assemble(0.5 * (tangent + tangent.swapaxes(1, 2)))
+        self._matrix.assemble(0.5 * (tangent + tangent.swapaxes(1, 2)))
         if self._linear is None:
             scene = self.record.projection
-            self._linear = LinearSolver(scene.operator, K, scene.problem.fixed, prefix="dd_tangent_", definite=False)
+            self._linear = LinearSolver(
+                scene.operator, self._matrix, scene.problem.fixed, prefix="dd_tangent_", definite=False
+            )
         else:
             self._linear.update()
         return self._linear
@@ -196,7 +197,7 @@ class FiniteTangentStep(LocalTangentStep):
     def __init__(self, record: Record) -> None:
         super().__init__(record)
         self.scene = record.projection
-        self._last: tuple[Array, FiniteStrain] | None = None
+        self._last: tuple[Array, Kinematics] | None = None
 
     def __call__(
         self, z: MechanicalState, spaces: TangentSpaces, *, changed: int, search: float, final: bool
@@ -227,11 +228,11 @@ class FiniteTangentStep(LocalTangentStep):
             "all forces"
         )
 
-    def _on(self, spaces: TangentSpaces, u: Array) -> tuple[MechanicalState, FiniteStrain, float]:
+    def _on(self, spaces: TangentSpaces, u: Array) -> tuple[MechanicalState, Kinematics, float]:
         """State of the nodal u on the tangent spaces, its kinematics, and the out-of-balance force, inf inside out."""
         scene = self.scene
         if self._last is None or self._last[0] is not u:  # a step starts where the last one ended
-            self._last = u, FiniteStrain(scene.operator.strain(u))
+            self._last = u, scene.operator.local(scene.operator.strain(u))
         found = self._last[1]
         stress = spaces.stress + np.einsum("nij,nj->ni", spaces.tangent, found.strain - spaces.strain)
         state = state_on(u, found, stress)

@@ -45,13 +45,13 @@ def side_dofs(operator: StrainOperator, side: str) -> NDArray[np.int64]:
         raise InputError(f"side of the mesh: expected facets on {side!r}, got none")
     domain.mesh.topology.create_connectivity(2, 3)
     nodes = dolfinx.fem.locate_dofs_topological(operator.displacements, 2, facets)
-    return nodes[nodes < operator.owned_dofs // 3].astype(np.int64)
+    return nodes[nodes < operator.owned_nodes].astype(np.int64)
 
 
 def prescribed_displacement(
     operator: StrainOperator, conditions: Sequence[Displacement]
 ) -> tuple[NDArray[np.bool_], Array]:
-    """Mask and values, both (3 * nodes,), of the prescribed displacement components.
+    """Mask and values of the unknowns that are prescribed, displacement components of nodes all.
 
     Raises:
         InputError: an unknown side, components other than 0, 1, 2, values of another shape or not finite, or
@@ -98,6 +98,6 @@ def _rigid_gram(operator: StrainOperator, x: Array, fixed: NDArray[np.bool_]) ->
     count = max(comm.allreduce(len(x)), 1)
     centre = total(comm, x.sum(axis=0)) / count
     size = np.sqrt(total(comm, ((x - centre) ** 2).sum()) / count)
-    modes = rigid_modes((x - centre) / size) * fixed
+    modes = rigid_modes((x - centre) / size) * fixed[: len(x)]
     gram = total(comm, np.einsum("inc,jnc->ij", modes, modes))
     return gram / max(np.trace(gram), 1.0)

@@ -99,6 +99,24 @@ class FiniteStrain:
         """Biot stress sym(R^T P), Mandel (n, 6), of the first Piola stress (n, 9), both in Pa."""
         return to_mandel(self.R.swapaxes(1, 2) @ nominal.reshape(-1, 3, 3))
 
+    @property
+    def stretch_derivative(self) -> Array:
+        """dU/dF (n, 6, 9), U as a Mandel vector."""
+        return np.asarray(2.0 * self._inverse @ (self.F[:, None] @ BASIS).reshape(-1, 6, 9))
+
+    @property
+    def deformation(self) -> Array:
+        """The gradient (n, 3, 3) of the material, R times its stretch."""
+        return self.F
+
+    def first_piola(self, nominal: Array) -> Array:
+        """First Piola stress (n, 3, 3) of the material, of the stress of the equations, both in Pa."""
+        return nominal.reshape(-1, 3, 3)
+
+    def turned(self, U: Array, stress: Array) -> Array:
+        """Stress of the equations in Pa of data of stretch U (n, 3, 3) and Biot stress (n, 6), turned with R."""
+        return np.asarray((self.R @ U @ second_piola(U, stress)).reshape(-1, 9))
+
     def _second_piola(self, stress: Array) -> Array:
         return 2.0 * np.einsum("nij,nj->ni", self._inverse, stress)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dd_macro.scene.spaces import StrainOperator
+from dd_macro.scene.spaces import Stiffness, StrainOperator
 from tsg_micro.data.errors import ConvergenceError
 
 __all__ = ["DIRECT_BELOW", "LinearSolver"]
@@ -22,12 +22,12 @@ DIRECT_BELOW = 200_000
 
 
 class LinearSolver:
-    """The solver of one matrix K (3 * nodes square, N/m), whose values may change.
+    """The solver of one stiffness, whose values may change.
 
     Args:
         operator: mesh and space.
-        K: the assembled matrix; the rows and columns of prescribed components are replaced in place.
-        fixed: mask (3 * nodes,) of the prescribed components.
+        stiffness: with an assembled matrix, in which rows and columns of prescribed components are replaced.
+        fixed: mask of the unknowns that are prescribed, nodal components all.
         prefix: of its PETSc options.
         definite: K is positive definite, so Cholesky will do; if not, a factorisation is LDL^T (MUMPS).
 
@@ -38,9 +38,16 @@ class LinearSolver:
     """
 
     def __init__(
-        self, operator: StrainOperator, K: PETSc.Mat, fixed: NDArray[np.bool_], *, prefix: str, definite: bool = True
+        self,
+        operator: StrainOperator,
+        stiffness: Stiffness,
+        fixed: NDArray[np.bool_],
+        *,
+        prefix: str,
+        definite: bool = True,
     ) -> None:
-        self.matrix, self.fixed = K, fixed
+        K = self.matrix = stiffness.matrix
+        self._stiffness, self._fixed = stiffness, fixed[: 3 * operator.owned_nodes]
         self._rows = (np.flatnonzero(fixed) + K.getOwnershipRange()[0]).astype(PETSc.IntType)
         self._kind = PETSc.Mat.Option.SPD if definite else PETSc.Mat.Option.SYMMETRIC
         self._x, self._b = K.createVecs()
@@ -75,12 +82,12 @@ class LinearSolver:
             ) from None
 
     def solve(self, right_side: Array) -> Array:
-        """x (3 * nodes,) of b = ``right_side`` (3 * nodes,), whose prescribed components do not count.
+        """The unknowns for the forces ``right_side`` on them, whose prescribed components do not count.
 
         Raises:
             ConvergenceError: the solver fails.
         """
-        self._b.array[:] = np.where(self.fixed, 0.0, right_side)
+        self._b.array[:] = np.where(self._fixed, 0.0, self._stiffness.condense(right_side))
         try:
             self._ksp.solve(self._b, self._x)
         except PETSc.Error:
@@ -89,7 +96,7 @@ class LinearSolver:
                 f"linear solver {self.name}: stopped after {self._ksp.getIterationNumber()} iterations, "
                 f"PETSc reason {reason}"
             ) from None
-        return np.where(self.fixed, 0.0, self._x.array)
+        return self._stiffness.expand(np.where(self._fixed, 0.0, self._x.array), right_side)
 
     @property
     def negative_pivots(self) -> int | None:

@@ -64,9 +64,12 @@ class Traction:
 
 
 def nodal_forces(operator: StrainOperator, loads: Iterable[Load]) -> Array:
-    """Consistent nodal forces (3 * nodes,) in N of all the loads.
+    """Consistent forces in N of all the loads on the unknowns: those of nodes, (3 * nodes,), and zeros for others.
 
     Raises:
         InputError: as a load's.
     """
-    return sum((load.nodal_forces(operator) for load in loads), start=np.zeros(operator.owned_dofs))
+    forces = np.zeros(operator.owned_dofs)
+    for load in loads:
+        forces[: 3 * operator.owned_nodes] += load.nodal_forces(operator)
+    return forces

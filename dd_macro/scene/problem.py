@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 class Problem:
     """Mesh and spaces, what is held, and what pulls; checked when made, which is collective.
 
-    ``fixed`` (3 * nodes,) is the mask of the prescribed displacement components, ``prescribed`` (3 * nodes,) their
-    values in m, and ``forces`` (3 * nodes,) in N the f of the equations; they hold what this rank owns.
+    ``fixed`` is the mask of the prescribed displacement components, ``prescribed`` their values in m, and ``forces`` in
+    N the f of the equations, all of the unknowns that this rank owns: (3 * nodes,), or more (EnhancedStrainOperator).
 
     Raises:
         InputError: on construction, where supports or loads are not valid, or leave a rigid-body motion free.
@@ -44,7 +44,7 @@ class Problem:
             object.__setattr__(self, name, array)
 
     def out_of_balance(self, stress: Array) -> Array:
-        """Internal minus external nodal forces (3 * nodes,) in N of the stress of the equations, (n, 6) or (n, 9)."""
+        """Internal minus external forces in N on the unknowns, of the stress of the equations, (n, 6) or (n, 9)."""
         return self.operator.force(stress) - self.forces
 
     def residual(self, stress: Array) -> float:

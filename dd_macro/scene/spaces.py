@@ -11,6 +11,7 @@ cell by cell in the local order, nodal fields are flat (3 * nodes,).
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import basix.ufl
 import dolfinx
@@ -27,7 +28,14 @@ from dd_macro.scene.mesh import TaggedMesh
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import BASIS
 
-__all__ = ["GradientOperator", "StrainOperator", "TangentMatrix", "mandel_strain", "stiffness_matrix"]
+__all__ = [
+    "GradientOperator",
+    "Stiffness",
+    "StrainOperator",
+    "TangentMatrix",
+    "mandel_strain",
+    "stiffness_form",
+]
 
 Array = NDArray[np.float64]
 
@@ -96,10 +104,23 @@ class StrainOperator:
         """The communicator of the mesh."""
         return self.domain.comm
 
+    def stiffness(self, C: Array | None = None) -> Stiffness:
+        """K = sum w B^T C B, assembled with the modulus C (6, 6) in Pa, or to be assembled with one at every point."""
+        if C is None:
+            return TangentMatrix(self)
+        K = dolfinx.fem.petsc.assemble_matrix(stiffness_form(self, C))
+        K.assemble()
+        return Stiffness(K)
+
+    @property
+    def owned_nodes(self) -> int:
+        """Number of nodes that this rank owns."""
+        return int(self._at_nodes.getLocalSize()) // 3
+
     @property
     def owned_dofs(self) -> int:
-        """Number of displacement components that this rank owns."""
-        return self._at_nodes.getLocalSize()
+        """Number of unknowns that this rank owns: the displacement components of its nodes."""
+        return 3 * self.owned_nodes
 
     @property
     def global_dofs(self) -> int:
@@ -122,7 +143,7 @@ class StrainOperator:
 
     def node_coordinates(self) -> Array:
         """Coordinates (nodes, 3) in m of the nodes that this rank owns."""
-        return self.displacements.tabulate_dof_coordinates()[: self.owned_dofs // 3]
+        return self.displacements.tabulate_dof_coordinates()[: self.owned_nodes]
 
     @cached_property
     def cell_corners(self) -> Array:
@@ -143,13 +164,19 @@ class StrainOperator:
         return np.einsum("cq,cq...->c...", w / w.sum(axis=1, keepdims=True), values.reshape(-1, nq, *values.shape[1:]))
 
     def corner_displacement(self, u: Array) -> Array:
-        """Displacement (cells, 8, 3) in m at the corners of the cells, from the nodal u (3 * nodes,)."""
+        """Displacement (cells, 8, 3) in m at the corners of the cells, from u, whose first 3 * nodes are nodal."""
         function = dolfinx.fem.Function(self.displacements)
-        function.x.array[: self.owned_dofs] = u
+        function.x.array[: 3 * self.owned_nodes] = u[: 3 * self.owned_nodes]
         function.x.scatter_forward()
         # the first eight nodes of a Lagrange hexahedron are its corners
         corners = self.displacements.dofmap.list[: self.domain.owned_cells, :8]
         return function.x.array.reshape(-1, 3)[corners]
+
+    def shape_gradients(self, cells: NDArray[np.int64]) -> Array:
+        """Gradients (cells, points, 8, 3) in 1/m of the trilinear functions at the quadrature points of these cells."""
+        local = self._tabulate(1)[1:]
+        J = np.einsum("kqn,cni->cqik", local, self.cell_corners[cells])
+        return np.asarray(np.moveaxis(local, 0, -1) @ np.linalg.inv(J))
 
     def _tabulate(self, derivatives: int) -> Array:
         element = basix.create_element(basix.ElementFamily.P, basix.CellType.hexahedron, 1)
@@ -185,18 +212,37 @@ class GradientOperator(StrainOperator):
         return np.asarray(symmetric.T @ C @ symmetric)
 
 
-def stiffness_matrix(operator: StrainOperator, C: Array) -> PETSc.Mat:
-    """K = sum w B^T C B (3 * nodes square, N/m) of one symmetric C (6, 6) in Pa, no boundary conditions yet."""
+def stiffness_form(operator: StrainOperator, C: Array) -> Any:
+    """The compiled form of K = sum w B^T C B of one symmetric C (6, 6) in Pa."""
     V = operator.displacements
     u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
     modulus = dolfinx.fem.Constant(operator.domain.mesh, np.ascontiguousarray(C, dtype=float))
-    form = compile_form(ufl.inner(mandel_strain(v), ufl.dot(modulus, mandel_strain(u))) * operator.dx)
-    K = dolfinx.fem.petsc.assemble_matrix(form)
-    K.assemble()
-    return K
+    return compile_form(ufl.inner(mandel_strain(v), ufl.dot(modulus, mandel_strain(u))) * operator.dx)
 
 
-class TangentMatrix:
+class Stiffness:
+    """``matrix`` (3 * nodes square, N/m) of the nodal displacement, no boundary conditions yet.
+
+    Elements with unknowns of their own are condensed (dd_macro.scene.condensation); here there are none.
+    """
+
+    def __init__(self, matrix: PETSc.Mat) -> None:
+        self.matrix = matrix
+
+    def assemble(self, C: Array) -> PETSc.Mat:
+        """``matrix`` with the moduli C in Pa at the quadrature points."""
+        raise NotImplementedError
+
+    def condense(self, force: Array) -> Array:
+        """Right side (3 * nodes,) in N for a force on all unknowns."""
+        return force
+
+    def expand(self, u: Array, force: Array) -> Array:
+        """All unknowns in m, of the nodal u (3 * nodes,) for this force."""
+        return u
+
+
+class TangentMatrix(Stiffness):
     """K = sum w B^T C B with a C of its own at every quadrature point; one sparsity pattern, assembled again and again.
 
     ``matrix`` (3 * nodes square, N/m) is that of the last :meth:`assemble`, without boundary conditions.
@@ -214,7 +260,7 @@ class TangentMatrix:
         self._order = points.reshape(-1)  # quadrature dof of each point, cell by cell
         stress = ufl.dot(self._moduli, operator.expression(u))
         self._form = compile_form(ufl.inner(operator.expression(v), stress) * operator.dx)
-        self.matrix = dolfinx.fem.petsc.create_matrix(self._form)
+        super().__init__(dolfinx.fem.petsc.create_matrix(self._form))
 
     def assemble(self, C: Array) -> PETSc.Mat:
         """``matrix`` with the moduli C in Pa, (n, 6, 6) or with 9 components (n, 9, 9)."""
