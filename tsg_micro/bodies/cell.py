@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from tsg_micro.cells.lattice import side_nodes
 from tsg_micro.cells.structure import Structure
 from tsg_micro.cells.tissue import Tissue
-from tsg_micro.cells.truncated_octahedron import unit_cell
 from tsg_micro.continuum.response import compressed_tendons, face_rotation, stiffness_under_load
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.equilibrium.load_path import Equilibrium, EquilibriumSolver
@@ -46,7 +45,7 @@ class Indentation:
     @property
     def theta(self) -> float:
         """Twist of the square faces at rest, rad."""
-        return unit_cell(self.tissue.cell.half_diagonal).theta
+        return self.tissue.unit_cell.theta
 
     @property
     def displacement(self) -> Array:

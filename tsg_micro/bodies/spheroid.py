@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tsg_micro.cells.lattice import lattice, spheroid_cells
+from tsg_micro.cells.lattice import spheroid_cells
 from tsg_micro.cells.prestress import force_density_of_owners, prestressed
 from tsg_micro.cells.structure import Structure, member_vectors
 from tsg_micro.cells.tissue import Tissue
@@ -77,7 +77,7 @@ def build_spheroid(tissue: Tissue, *, radius: float, profile: str, decay: float)
         InputError: an argument is not valid.
     """
     cell = tissue.cell
-    body = lattice(spheroid_cells(radius), cell)
+    body = tissue.lattice(spheroid_cells(radius))
     R = 2.0 * radius * cell.height
     r = block_radius(body, R)
     if profile.lower().endswith(".csv"):

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tsg_micro.cells.plain_values import check_names, numbers
 from tsg_micro.data.errors import InputError
 
 __all__ = ["MemberLaw", "Members", "law_as_dict", "law_from_dict", "member_law"]
@@ -102,10 +103,5 @@ def law_from_dict(values: Mapping[str, Any]) -> MemberLaw:
         raise InputError(f"tissue, law, name: expected one of {', '.join(sorted(_LAWS))}, got {wanted!r}")
     law = _LAWS[wanted]
     given = {name: value for name, value in values.items() if name != "name"}
-    known = [one.name for one in fields(law)]  # type: ignore[arg-type]
-    for name, value in given.items():
-        if name not in known:
-            raise InputError(f"tissue, law: expected some of {', '.join(['name', *known])}, got {name}")
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise InputError(f"tissue, law, {name}: expected a number, got {value!r}")
-    return law(**{name: float(value) for name, value in given.items()})
+    check_names("tissue, law", values, ["name", *(one.name for one in fields(law))])  # type: ignore[arg-type]
+    return law(**numbers("tissue, law", given))

@@ -12,13 +12,14 @@ from tsg_micro.cells.lattice import Images, box_cells, lattice
 from tsg_micro.cells.laws.linear import LINEAR
 from tsg_micro.cells.member_law import MemberLaw, law_as_dict, law_from_dict
 from tsg_micro.cells.parameters import CellParameters, check_bar_force
+from tsg_micro.cells.plain_values import check_names, numbers
 from tsg_micro.cells.prestress import prestressed
 from tsg_micro.cells.structure import Structure
 from tsg_micro.cells.truncated_octahedron import unit_cell
 from tsg_micro.cells.unit_cell import UnitCell
 from tsg_micro.data.errors import InputError
 
-__all__ = ["UNIT_CELLS", "Tissue", "check_names"]
+__all__ = ["UNIT_CELLS", "Tissue"]
 
 UNIT_CELLS: dict[str, Callable[[float], UnitCell]] = {"truncated-octahedron": unit_cell}
 """Cells by name, each made from the half-diagonal r of its faces."""
@@ -95,26 +96,7 @@ class Tissue:
         check_names("tissue", values, [one.name for one in fields(cls)])
         cell = values.get("cell", {})
         check_names("tissue, cell", cell, [one.name for one in fields(CellParameters)])
-        given: dict[str, Any] = {
-            "cell": CellParameters(**{n: _number(f"tissue, cell, {n}", v) for n, v in cell.items()})
-        }
-        if "bar_force" in values:
-            given["bar_force"] = _number("tissue, bar_force", values["bar_force"])
-        if "law" in values:
-            given["law"] = law_from_dict(values["law"])
-        if "unit" in values:
-            given["unit"] = values["unit"]
-        return cls(**given)
-
-
-def check_names(where: str, values: Any, known: list[str]) -> None:
-    """Raise InputError where ``values``, named ``where``, are no mapping of some of the ``known`` names."""
-    if not isinstance(values, Mapping) or not set(values) <= set(known):
-        got = ", ".join(sorted(set(values) - set(known))) if isinstance(values, Mapping) else repr(values)
-        raise InputError(f"{where}: expected some of {', '.join(known)}, got {got}")
-
-
-def _number(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError(f"{name}: expected a number, got {value!r}")
-    return float(value)
+        given: dict[str, Any] = numbers("tissue", {"bar_force": values["bar_force"]} if "bar_force" in values else {})
+        given |= {"unit": values["unit"]} if "unit" in values else {}
+        given |= {"law": law_from_dict(values["law"])} if "law" in values else {}
+        return cls(CellParameters(**numbers("tissue, cell", cell)), **given)

@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from typing import Any, get_args
 
 from tsg_micro.cells.lattice import Images
-from tsg_micro.cells.tissue import Tissue, check_names
+from tsg_micro.cells.plain_values import check_names
+from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.rve import RVE
 from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import InputError

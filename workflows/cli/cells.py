@@ -3,32 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from workflows.cli.options import BarForce, Out, Plots, report, say
+from workflows.cli.options import CellOptions, Out, Plots, TissueOptions, grouped, report, say
 from workflows.runs.ranks import check_alone
-
-if TYPE_CHECKING:
-    from tsg_micro.cells.tissue import Tissue
 
 __all__ = ["scenes"]
 
 scenes = typer.Typer()
 
-EBar = Annotated[float, typer.Option("--e-bar", help="Young's modulus of the bars, Pa.")]
-ETendon = Annotated[float, typer.Option("--e-tendon", help="Young's modulus of the tendons, Pa.")]
-HalfDiagonal = Annotated[float, typer.Option(help="Half-diagonal r of a square face, in (0, 1).")]
 Top = Annotated[str, typer.Option(help="Top nodes: free, or guided up and down only.")]
 LinearSolver = Annotated[str, typer.Option(help="auto, superlu, pardiso or mumps.")]
-
-
-def _tissue(e_bar: float, e_tendon: float, half_diagonal: float, bar_force: float = 1e-8) -> Tissue:
-    from tsg_micro.cells.parameters import CellParameters
-    from tsg_micro.cells.tissue import Tissue
-
-    return Tissue(CellParameters(E_bar=e_bar, E_tendon=e_tendon, half_diagonal=half_diagonal), bar_force)
 
 
 def _numbers(name: str, text: str) -> list[float]:
@@ -57,7 +44,9 @@ def _sizes(name: str, text: str) -> list[tuple[int, int]]:
 
 
 @scenes.command()
+@grouped
 def cell(
+    *,
     out: Out,
     bar_force: Annotated[
         list[float] | None, typer.Option(help="Compression of the bars at rest, N; may be repeated. Else 1 .. 50 nN.")
@@ -65,22 +54,21 @@ def cell(
     force: Annotated[float, typer.Option(help="Force on the top, downwards, N.")] = 3e-9,
     steps: Annotated[int, typer.Option(help="Equal load steps.")] = 30,
     top: Top = "free",
-    e_bar: EBar = 1.2e9,
-    e_tendon: ETendon = 10e6,
-    half_diagonal: HalfDiagonal = 0.5,
+    cells: CellOptions,
     plots: Plots = True,
 ) -> None:
     """Press one cell down on a fixed base: force against displacement."""
     check_alone("cell")
     from workflows.runs.cell import cell as run
 
+    made = cells.make()
     summary = run(
         out,
-        bar_force=bar_force or (),
+        bar_force=bar_force or ((made.bar_force,) if cells.tissue else ()),
         force=force,
         steps=steps,
         top=top,
-        tissue=_tissue(e_bar, e_tendon, half_diagonal),
+        tissue=made,
         plots=plots,
         say=say,
     )
@@ -89,19 +77,18 @@ def cell(
 
 
 @scenes.command()
+@grouped
 def monolayer(
+    *,
     out: Out,
     blocks: Annotated[tuple[int, int], typer.Option(help="Blocks of 2x2 cells along x and y.")] = (60, 30),
     layers: Annotated[int, typer.Option(help="Layers of cells along z.")] = 1,
     strain: Annotated[float, typer.Option(help="Displacement of the top side over the height of the sheet.")] = 0.25,
-    bar_force: BarForce = 1e-8,
+    cells: TissueOptions,
     steps: Annotated[int, typer.Option(help="Equal load steps.")] = 25,
     write_every: Annotated[int, typer.Option(help="A file for ParaView every so many steps, and at the last.")] = 5,
     convergence: Annotated[str, typer.Option(help="Also sheets of these sizes in blocks, as 10x5,20x10,40x20.")] = "",
     band: Annotated[str, typer.Option(help="Also these bar forces, N, as 1e-9,5e-8, on at most 20x10 blocks.")] = "",
-    e_bar: EBar = 1.2e9,
-    e_tendon: ETendon = 10e6,
-    half_diagonal: HalfDiagonal = 0.5,
     linear_solver: LinearSolver = "auto",
     plots: Plots = True,
 ) -> None:
@@ -118,7 +105,7 @@ def monolayer(
         write_every=write_every,
         convergence=_sizes("convergence", convergence),
         band=_numbers("band", band),
-        tissue=_tissue(e_bar, e_tendon, half_diagonal, bar_force),
+        tissue=cells.make(),
         linear_solver=linear_solver,
         plots=plots,
         say=say,
@@ -128,7 +115,9 @@ def monolayer(
 
 
 @scenes.command()
+@grouped
 def calibrate(
+    *,
     data: Annotated[Path, typer.Option(help="CSV of force and displacement (cell) or strain and stress (monolayer).")],
     out: Out,
     fit: Annotated[list[str], typer.Option(help="Parameters to fit: bar-force, E-tendon, E-bar, half-diagonal.")],
@@ -139,15 +128,13 @@ def calibrate(
     column: Annotated[
         list[str] | None, typer.Option(help="QUANTITY=HEADER:UNIT, as force=F:nN; else headers with units, force_nN.")
     ] = None,
-    bar_force: BarForce = 1e-8,
-    e_bar: EBar = 1.2e9,
-    e_tendon: ETendon = 10e6,
-    half_diagonal: HalfDiagonal = 0.5,
+    cells: TissueOptions,
     blocks: Annotated[tuple[int, int], typer.Option(help="Sheet of the monolayer scene, blocks along x and y.")] = (
         4,
         2,
     ),
     top: Top = "free",
+    save_tissue: Annotated[Path | None, typer.Option(help="Write the fitted tissue there, TOML, for --tissue.")] = None,
     plots: Plots = True,
 ) -> None:
     """Fit parameters to a measured curve, and say how well each is determined."""
@@ -155,8 +142,16 @@ def calibrate(
     from tsg_micro.bodies.curve_fit import Model
     from workflows.runs.calibrate import calibrate as run
 
-    model = Model(scene, _tissue(e_bar, e_tendon, half_diagonal, bar_force), blocks=blocks, top=top)
-    summary = run(out, data=data, fit=[*fit, *(more or [])], model=model, column=column or [], plots=plots)
+    model = Model(scene, cells.make(), blocks=blocks, top=top)
+    summary = run(
+        out,
+        data=data,
+        fit=[*fit, *(more or [])],
+        model=model,
+        column=column or [],
+        save_tissue=save_tissue,
+        plots=plots,
+    )
     for name, row in summary["fitted"].items():
         low, high = row["interval"]
         say(f"{name:24} {row['value']:.4g} {row['unit']} (95 %: {low:.4g} .. {high:.4g})".replace(" 1 (", " ("))
@@ -166,7 +161,9 @@ def calibrate(
 
 
 @scenes.command()
+@grouped
 def spheroid(
+    *,
     out: Out,
     radius: Annotated[float, typer.Option(help="Radius in blocks of 2x2x2 cells.")] = 5.0,
     f_max: Annotated[float, typer.Option(help="Bar force at the centre, N.")] = 5e-8,
@@ -181,9 +178,7 @@ def spheroid(
         float | None, typer.Option(help="Pressure in Pa (100 if not given), or linear strain (0.02).")
     ] = None,
     steps: Annotated[int, typer.Option(help="Recorded levels of the load.")] = 5,
-    e_bar: EBar = 1.2e9,
-    e_tendon: ETendon = 10e6,
-    half_diagonal: HalfDiagonal = 0.5,
+    cells: CellOptions,
     linear_solver: LinearSolver = "auto",
     plots: Plots = True,
 ) -> None:
@@ -200,7 +195,7 @@ def spheroid(
         load=load,
         level=level,
         steps=steps,
-        tissue=_tissue(e_bar, e_tendon, half_diagonal),
+        tissue=cells.make(),
         linear_solver=linear_solver,
         plots=plots,
         say=say,

@@ -15,7 +15,6 @@ from workflows.cli import fe2 as cli_fe2
 from workflows.cli import further_studies as cli_beyond
 from workflows.cli import studies as cli_study
 from workflows.cli.options import (
-    BarForce,
     Box,
     Clamp,
     ClampName,
@@ -31,6 +30,8 @@ from workflows.cli.options import (
     OutOrDefault,
     Plots,
     Strain,
+    TissueOptions,
+    grouped,
     report,
     say,
 )
@@ -48,33 +49,33 @@ app = typer.Typer(
 
 
 @app.command()
+@grouped
 def structure(
+    *,
     out: Out,
     cells: Annotated[tuple[int, int, int] | None, typer.Option(help="Cells along x, y, z.")] = None,
     shape: Annotated[str, typer.Option(help="box or spheroid.")] = "box",
     radius: Annotated[float | None, typer.Option(help="Radius of a spheroid, in blocks of 2x2x2 cells.")] = None,
-    bar_force: BarForce = 1e-8,
-    half_diagonal: Annotated[float, typer.Option(help="Half-diagonal r of a square face, in (0, 1).")] = 0.5,
+    cell: TissueOptions,
     plots: Plots = True,
 ) -> None:
     """Build a lattice of cells, check its self-stress, draw it."""
     check_alone("structure")
-    from tsg_micro.cells.parameters import CellParameters
-    from tsg_micro.cells.tissue import Tissue
     from workflows.runs.structure import structure as run
 
-    tissue = Tissue(CellParameters(half_diagonal=half_diagonal), bar_force)
-    summary = run(out, cells=cells, shape=shape, radius=radius, tissue=tissue, plots=plots)
+    summary = run(out, cells=cells, shape=shape, radius=radius, tissue=cell.make(), plots=plots)
     report(summary, "nodes bars tendons cells self_stress_states mechanisms equilibrium_residual", out)
 
 
 @app.command()
+@grouped
 def sample(
+    *,
     out: OutFile,
     load: Annotated[Box, typer.Option(help="Strain box to sample.")] = Box.stretch,
     paths: Annotated[int, typer.Option(help="Number of loading paths.")] = 400,
     steps: Annotated[int, typer.Option(help="Points along each path.")] = 10,
-    bar_force: BarForce = 1e-8,
+    cell: TissueOptions,
     seed: Annotated[int, typer.Option(help="Seed; the data depend on nothing else that is random.")] = 0,
     blocks: Annotated[tuple[int, int, int], typer.Option(help="Size of the RVE in 2x2x2-cell blocks.")] = (1, 1, 1),
     images: Annotated[
@@ -86,7 +87,6 @@ def sample(
     plots: Plots = True,
 ) -> None:
     """Sample material data from random loading paths through a periodic RVE; also under mpirun."""
-    from tsg_micro.cells.tissue import Tissue
     from workflows.runs.sample import sample as run
 
     summary = run(
@@ -94,7 +94,7 @@ def sample(
         load=load.value,
         paths=paths,
         steps=steps,
-        tissue=Tissue(bar_force=bar_force),
+        tissue=cell.make(),
         seed=seed,
         blocks=blocks,
         images=images.value,  # type: ignore[arg-type]
@@ -108,12 +108,14 @@ def sample(
 
 
 @app.command()
+@grouped
 def dns(
+    *,
     out: OutOrDefault = None,
     blocks: Annotated[tuple[int, int], typer.Option(help="2x2x2-cell blocks along x and y.")] = (30, 15),
     load: Annotated[Load, typer.Option(help="How the top side moves.")] = Load.stretch,
     strain: Strain = 0.05,
-    bar_force: BarForce = 1e-8,
+    cell: TissueOptions,
     flat: Annotated[bool, typer.Option("--flat/--free", help="Hold the mid-plane, so that it cannot buckle.")] = False,
     steps: Annotated[int, typer.Option(help="Recorded load steps.")] = 4,
     linear_solver: Annotated[str, typer.Option(help="auto, superlu, pardiso or mumps.")] = "auto",
@@ -124,7 +126,6 @@ def dns(
     A run that was cut short goes on after its last load step when the same command is given again.
     """
     check_alone("dns")
-    from tsg_micro.cells.tissue import Tissue
     from workflows.runs.dns import dns as run
 
     out = out or Path("results") / f"dns-{load.value}"
@@ -133,7 +134,7 @@ def dns(
         blocks=blocks,
         load=load.value,
         strain=strain,
-        tissue=Tissue(bar_force=bar_force),
+        tissue=cell.make(),
         flat=flat,
         steps=steps,
         linear_solver=linear_solver,

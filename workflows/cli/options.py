@@ -1,21 +1,33 @@
-"""What the commands share: options with their help, and how figures are printed."""
+"""What the commands share: options with their help, groups of them, and how figures are printed.
+
+A group is a frozen dataclass whose fields are options. A command that is decorated with :func:`grouped` has a parameter
+of that type and gets all its options, declared once.
+"""
 
 from __future__ import annotations
 
+import inspect
 import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
+
+if TYPE_CHECKING:
+    from tsg_micro.cells.tissue import Tissue
 
 __all__ = [
     "BarForce",
     "Box",
+    "CellOptions",
     "Clamp",
     "ClampName",
     "Degree",
     "Flat",
+    "Group",
     "Images",
     "Kinematics",
     "KinematicsName",
@@ -26,6 +38,8 @@ __all__ = [
     "OutOrDefault",
     "Plots",
     "Strain",
+    "TissueOptions",
+    "grouped",
     "report",
     "say",
 ]
@@ -87,6 +101,93 @@ Clamp = Annotated[ClampName, typer.Option(help="Bottom and top hold all of u, or
 Degree = Annotated[int, typer.Option(help="Degree of the elements, 1 or 2.")]
 Flat = Annotated[bool, typer.Option("--flat/--free", help="Hold the back side in its plane: the sheet cannot buckle.")]
 Plots = Annotated[bool, typer.Option("--plots/--no-plots", help="Draw the figures and write the ParaView file.")]
+
+
+@dataclass(frozen=True)
+class Group:
+    """Options that go together; ``given`` names those that were on the command line."""
+
+    given: frozenset[str] = field(default=frozenset(), kw_only=True)
+
+
+def grouped(command: Callable[..., None]) -> Callable[..., None]:
+    """``command`` with every parameter that is a :class:`Group` spread into the options of the group.
+
+    Names, help and defaults are those of the group's fields; a default of the parameter, itself a group, has its own.
+    """
+    hints = get_type_hints(command, include_extras=True)
+    groups: dict[str, type[Group]] = {}
+    spread: dict[str, inspect.Parameter] = {}
+    for name, parameter in inspect.signature(command).parameters.items():
+        kind = hints[name]
+        if not (isinstance(kind, type) and issubclass(kind, Group)):
+            spread[name] = parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=kind)
+            continue
+        groups[name] = kind
+        types = get_type_hints(kind, include_extras=True)
+        default = kind if parameter.default is inspect.Parameter.empty else parameter.default
+        for option in _options(kind):
+            spread[option] = inspect.Parameter(
+                option, inspect.Parameter.KEYWORD_ONLY, default=getattr(default, option), annotation=types[option]
+            )
+
+    def run(context: typer.Context, **values: Any) -> None:
+        given = {name for name in values if getattr(context.get_parameter_source(name), "name", "") == "COMMANDLINE"}
+        made = {}
+        for name, kind in groups.items():
+            options = {option: values.pop(option) for option in _options(kind)}
+            made[name] = kind(**options, given=frozenset(given & options.keys()))
+        command(**values, **made)
+
+    run.__doc__, run.__name__, run.__module__ = command.__doc__, command.__name__, command.__module__
+    context = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)
+    run.__signature__ = inspect.Signature([context, *spread.values()])  # type: ignore[attr-defined]
+    run.__annotations__ = {"context": typer.Context, **{name: one.annotation for name, one in spread.items()}}
+    return run
+
+
+def _options(group: type[Group]) -> list[str]:
+    return [one.name for one in fields(group) if one.name != "given"]
+
+
+TISSUE_HELP = "Tissue file, TOML, as calibrate --save-tissue writes it; options of the cell that are given win over it."
+
+
+@dataclass(frozen=True)
+class _BarForceOption(Group):
+    bar_force: BarForce = 1e-8
+
+
+@dataclass(frozen=True)
+class CellOptions(Group):
+    """Shape, size and members of a cell, and the file that can say all of it."""
+
+    e_bar: Annotated[float, typer.Option("--e-bar", help="Young's modulus of the bars, Pa.")] = 1.2e9
+    e_tendon: Annotated[float, typer.Option("--e-tendon", help="Young's modulus of the tendons, Pa.")] = 10e6
+    half_diagonal: Annotated[float, typer.Option(help="Half-diagonal r of a square face, in (0, 1).")] = 0.5
+    d_bar: Annotated[float, typer.Option("--d-bar", help="Diameter of the bars, m.")] = 0.1e-6
+    d_tendon: Annotated[float, typer.Option("--d-tendon", help="Diameter of the tendons, m.")] = 1e-6
+    height: Annotated[float, typer.Option(help="Height of a cell, m; a block is two of them wide.")] = 10e-6
+    tissue: Annotated[Path | None, typer.Option(help=TISSUE_HELP)] = None
+
+    def make(self) -> Tissue:
+        """The tissue of the file, or the default one, with the options that were given.
+
+        Raises:
+            InputError: the file or a value is not valid.
+        """
+        from tsg_micro.cells.tissue import Tissue
+        from tsg_micro.cells.tissue_file import read_tissue
+
+        base = Tissue() if self.tissue is None else read_tissue(self.tissue)
+        cell = {name.replace("e_", "E_"): getattr(self, name) for name in self.given - {"tissue"}}
+        force = {name: cell.pop(name) for name in ("bar_force",) if name in cell}
+        return replace(base, cell=replace(base.cell, **cell), **force)
+
+
+@dataclass(frozen=True)
+class TissueOptions(CellOptions, _BarForceOption):
+    """A cell and the compression of its bars."""
 
 
 def say(text: str) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from tsg_micro.bodies.curve_fit import PARAMETERS, SCENES, Model, fit_curve
+from tsg_micro.cells.tissue_file import write_tissue
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from tsg_micro.data.measured_curve import read_curve
@@ -44,9 +45,12 @@ def calibrate(
     fit: Sequence[str],
     model: Model | None = None,
     column: Sequence[str] = (),
+    save_tissue: Path | None = None,
     plots: bool = True,
 ) -> dict[str, Any]:
     """Fit parameters of ``model`` to the curve in the CSV file ``data``; figure and summary go to ``out``.
+
+    The tissue that fits best is written to the file ``save_tissue``, if one is given.
 
     Raises:
         InputError: an argument or the file is not valid.
@@ -56,6 +60,8 @@ def calibrate(
     names = parameter_names(fit)
     load, answer = read_curve(data, model.scene, column)
     out = output_folder(out)
+    if save_tissue is not None and (save_tissue.is_dir() or not output_folder(save_tissue.parent)):
+        raise InputError(f"save_tissue: expected a file, got the folder {save_tissue}")
     begin = time.perf_counter()
     found = fit_curve(model, names, load, answer)
     seconds = time.perf_counter() - begin
@@ -87,6 +93,8 @@ def calibrate(
             "seconds": (seconds, "s"),
         },
     )
+    if save_tissue:
+        write_tissue(save_tissue, found.model.tissue)
     if plots:
         from tsg_micro.figures.curve_fit import draw_fit
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tsg_micro.cells.lattice import box_cells, lattice, spheroid_cells
+from tsg_micro.cells.lattice import box_cells, spheroid_cells
 from tsg_micro.cells.prestress import force_density_of_cells, prestressed
 from tsg_micro.cells.structure import equilibrium_matrix
 from tsg_micro.cells.tissue import Tissue
@@ -42,7 +42,7 @@ def structure(
         raise InputError("shape box: expected --cells NX NY NZ, and no --radius")
     tissue = tissue or Tissue()
     where = spheroid_cells(radius) if radius is not None else box_cells(*(cells or (1, 1, 1)))
-    built = prestressed(lattice(where, tissue.cell), tissue.cell, tissue.bar_force)
+    built = prestressed(tissue.lattice(where), tissue.cell, tissue.bar_force)
     out = output_folder(out)
     q = force_density_of_cells(built, tissue.cell, tissue.bar_force)
     residual = float(np.abs(equilibrium_matrix(built) @ q).max() / tissue.bar_force)
