@@ -13,7 +13,7 @@ from dd_macro.material.search import MaterialSearch
 from dd_macro.material.source import Source
 from dd_macro.material.tangent_spaces import TangentSearch
 from dd_macro.methods.adaptive import Adaptation, AdaptiveMethod, AdaptiveResult
-from dd_macro.methods.data_methods import DataMethod, PointMethod, TangentMethod
+from dd_macro.methods.data_methods import DataMethod, PointMethod, PreparedData, TangentMethod
 from dd_macro.methods.finite_projection import FiniteProjection, FiniteState, biot_dataset, in_space
 from dd_macro.methods.law_method import LawMethod
 from dd_macro.methods.method import Material, Method, Prepared, Watch
@@ -73,6 +73,7 @@ __all__ = [
     "PointMethod",
     "PolynomialEnergy",
     "Prepared",
+    "PreparedData",
     "Problem",
     "Projection",
     "QuadratureFields",
