@@ -193,6 +193,7 @@ def test_append_of_another_stress(tsgdd, chain):
         (["--elements", 1, 1, 1, "--order", 3], ["order: expected 1 or 2, got 3"]),
         (["--elements", 1, 1, 1, "--max-iterations", 0], ["max_iterations: expected at least 1, got 0"]),
         (["--elements", 1, 1, 1, "--over-relaxation", 2], ["over_relaxation: expected a number in [1, 2), got 2.0"]),
+        (["--elements", 1, 1, 1, "--order", 2, "--over-relaxation", 1.5], ["over_relaxation: expected none but with"]),
         (["--elements", 1, 1, 1, "--mesh", "a.msh"], ["elements, mesh: expected one of them"]),
         ([], ["elements, mesh: expected one of them"]),
         (["--mesh", "none.msh"], ["mesh none.msh: no such file"]),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import shutil
 import signal
 import subprocess
 import time
@@ -15,10 +16,12 @@ import pytest
 
 from tsg_micro.data.dataset import read_dataset
 from tsg_micro.data.errors import InputError
+from workflows.runs.loads import LOADS
 from workflows.store.stages import Stages
 from workflows.studies.data_size import data_size, sizes_of
 from workflows.studies.one_load import Study
 from workflows.studies.prerequisites import Chain as SceneOfChain
+from workflows.studies.report import write_report
 
 SMALL = ("--blocks", 4, 4, "--paths", 10, "--steps", 4)
 
@@ -231,3 +234,11 @@ def test_killed_paper_goes_on_and_reports(program, tsgdd, read_summary, is_png, 
 
     assert tsgdd(*arguments).code == 0
     assert read_summary(tmp_path)["stages_run"] == []
+
+    # a load more is a section more
+    monkeypatch.setitem(LOADS, "pull", LOADS["stretch"])
+    for folder in tmp_path.glob("*-stretch*"):
+        shutil.copytree(folder, folder.with_name(folder.name.replace("stretch", "pull")))
+    rows = write_report(tmp_path / "more.md", tmp_path, SceneOfChain((4, 4), paths=10, steps=4))
+    assert sum(row["quantity"].startswith("pull: ") for row in rows) == 13
+    assert (tmp_path / "more.md").read_text().count("](compare-pull/") == report.count("](compare-stretch/") > 0
