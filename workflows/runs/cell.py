@@ -52,7 +52,7 @@ def cell(
     force: float = 3e-9,
     steps: int = 30,
     top: str = "free",
-    tissue: Tissue | None = None,
+    tissue: Tissue = Tissue(),
     plots: bool = True,
     say: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
@@ -67,7 +67,6 @@ def cell(
         InputError: an argument is not valid.
         ConvergenceError: the equilibrium was lost.
     """
-    tissue = tissue or Tissue()
     _check(force, steps, top)
     band = tuple(bar_force) or DEFAULT_BAND
     tissues = [replace(tissue, bar_force=value) for value in band]

@@ -26,7 +26,7 @@ def structure(
     cells: tuple[int, int, int] | None = None,
     shape: str = "box",
     radius: float | None = None,
-    tissue: Tissue | None = None,
+    tissue: Tissue = Tissue(),
     plots: bool = True,
 ) -> dict[str, Any]:
     """Build a box of cells, or a spheroid of 2x2x2 blocks; figures and a ParaView file go to ``out``.
@@ -40,7 +40,6 @@ def structure(
         raise InputError("shape spheroid: expected --radius in blocks, and no --cells")
     if shape == "box" and (cells is None or radius is not None):
         raise InputError("shape box: expected --cells NX NY NZ, and no --radius")
-    tissue = tissue or Tissue()
     where = spheroid_cells(radius) if radius is not None else box_cells(*(cells or (1, 1, 1)))
     built = prestressed(tissue.lattice(where), tissue.cell, tissue.bar_force)
     out = output_folder(out)
