@@ -1,6 +1,6 @@
 """One cell pressed down on a fixed base (paper, Section 3.1).
 
-The four nodes of the bottom face are fixed. The force is shared by the four nodes of the top face and points down. The
+The nodes of the bottom face are fixed. The force is shared by those of the top face and points down. The
 paper does not say whether the indenter holds the top sideways; by default it does not (``top="free"``), and the top
 face turns and shrinks as it sinks. ``top="guided"`` lets its nodes move up and down only; the cell then sinks about a
 sixth less.
@@ -44,7 +44,7 @@ class Indentation:
 
     @property
     def theta(self) -> float:
-        """Twist of the square faces at rest, rad."""
+        """Twist of the faces at rest, rad."""
         return self.tissue.unit_cell.theta
 
     @property

@@ -70,9 +70,11 @@ class Sheet:
 
     @property
     def unknowns(self) -> int:
-        """Number of free displacements, not flat: four nodes to a face of the cells, bottom and top held."""
-        nx, ny, nz = self.cells
-        return 12 * ((nx + 1) * ny * nz + nx * (ny - 1) * nz + nx * ny * (nz + 1))
+        """Number of free displacements, not flat: those of the faces and inside of the cells, bottom and top held."""
+        (nx, ny, nz), unit = self.cells, self.tissue.unit_cell
+        x, y, z = (len(low) for low, _ in unit.faces)
+        inside = len(unit.nodes) - 2 * (x + y + z)
+        return 3 * (inside * nx * ny * nz + x * (nx + 1) * ny * nz + y * nx * (ny - 1) * nz + z * nx * ny * (nz + 1))
 
 
 def memory_needed(unknowns: int, backend: str) -> int:

@@ -59,14 +59,9 @@ class Spheroid:
         return radial_profile(self.r, values, shells=self.shells)
 
     @property
-    def height(self) -> float:
-        """Of a cell, m."""
-        return float(self.structure.size[0] / (np.ptp(self.structure.cells[:, 0]) + 1))
-
-    @property
     def shells(self) -> int:
         """Number of shells of a profile, each 0.625 blocks thick."""
-        return max(3, round(0.8 * self.radius / self.height))
+        return max(3, round(0.8 * self.radius / self.structure.height))
 
 
 def build_spheroid(tissue: Tissue, *, radius: float, profile: str, decay: float) -> Spheroid:

@@ -61,7 +61,7 @@ def _before_and_after(out: Path, result: Stretch) -> None:
         structure,
         **{
             name: getattr(structure, name)[near]
-            for name in ("members", "kind", "EA", "rest_length", "shift", "member_cells")
+            for name in ("members", "kind", "EA", "rest_length", "shift", "member_cells", "member_places")
         },
     )
     views = [View("before", None, rest[near]), View(after, u, force[near])]
