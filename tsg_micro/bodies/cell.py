@@ -67,14 +67,18 @@ class Indentation:
     def twist_angle(self) -> Array:
         """Angle in degrees (steps + 1,) between the side faces' diagonals and the axes of the cube, mean of the four.
 
-        15.037 at rest with the default shape. As seen from outside, each face is turned clockwise by that angle.
+        15.037 at rest with the default shape. As seen from outside, each face is turned by it: clockwise, but in a cell
+        that is a mirror image anticlockwise.
         """
+        unit = self.tissue.unit_cell
+        x, y, _ = unit.nodes[unit.faces[2][1][0]]
+        sense = -1.0 if np.sin(4.0 * np.arctan2(y, x)) > 0.0 else 1.0
         sides = [(axis, end) for axis in (0, 1) for end in ("low", "high")]
         turned = [
             np.mean([face_rotation(self.structure, state.displacement, axis=axis, end=end) for axis, end in sides])  # type: ignore[arg-type]
             for state in self.states
         ]
-        return np.degrees(self.theta - np.array(turned))
+        return np.degrees(self.theta - sense * np.array(turned))
 
     @property
     def compressed_tendons(self) -> list[int]:

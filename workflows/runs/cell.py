@@ -72,6 +72,7 @@ def cell(
     tissues = [replace(tissue, bar_force=value) for value in band]
     if len(set(band)) != len(band):
         raise InputError(f"bar_force: expected each value once, got {', '.join(f'{f:g}' for f in band)}")
+    parameters = {**tissue.as_dict(), "bar_force": band, "force": force, "steps": steps, "top": top}
     out = output_folder(out)
 
     begin = time.perf_counter()
@@ -98,12 +99,7 @@ def cell(
         "seconds": (seconds, "s"),
         "peak_memory": (peak_memory(), "B"),
     }
-    summary = write_summary(
-        out,
-        command="cell",
-        parameters={"force": force, "steps": steps, "top": top, **tissue.as_dict(), "bar_force": band},
-        figures=figures,
-    )
+    summary = write_summary(out, command="cell", parameters=parameters, figures=figures)
     if plots:
         from tsg_micro.figures.cell import draw_cell
 

@@ -76,6 +76,8 @@ def monolayer(
     smaller = [replace(sheet, blocks=size) for size in convergence]
     few = (min(blocks[0], BAND_BLOCKS[0]), min(blocks[1], BAND_BLOCKS[1]))
     other = [replace(sheet, blocks=few, tissue=replace(tissue, bar_force=f)) for f in band]
+    parameters = {"blocks": blocks, "layers": layers, "strain": strain, "steps": steps, **tissue.as_dict()}
+    parameters |= {"convergence": list(convergence), "band": list(band), "linear_solver": linear_solver}
     out = output_folder(out)
 
     begin = time.perf_counter()
@@ -103,8 +105,6 @@ def monolayer(
         "seconds": (seconds, "s"),
         "peak_memory": (peak_memory(), "B"),
     }
-    parameters = {"blocks": blocks, "layers": layers, "strain": strain, "steps": steps, **tissue.as_dict()}
-    parameters |= {"convergence": list(convergence), "band": list(band), "linear_solver": linear_solver}
     summary = write_summary(out, command="monolayer", parameters=parameters, figures=figures)
     if series:
         series.close()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import time
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +68,8 @@ def spheroid(
     choose_backend(1, linear_solver)
     begin = time.perf_counter()
     tissue = replace(tissue, bar_force=f_max)
+    parameters = {**tissue.as_dict(), "radius": radius, "f_max": f_max, "profile": profile, "decay": decay}
+    parameters |= {"load": load, "level": level, "steps": steps, "linear_solver": linear_solver}
     body = build_spheroid(tissue, radius=radius, profile=profile, decay=decay)
     out = output_folder(out)
     levels = level * np.arange(1, steps + 1) / steps
@@ -77,11 +79,10 @@ def spheroid(
     seconds = time.perf_counter() - begin
     _write_blocks(out / "blocks.csv", result)
     unit, newton = LOADS[load], result.solver.newton
-    parameters = {"radius": radius, "f_max": f_max, "profile": profile, "decay": decay, "load": load, "level": level}
     summary = write_summary(
         out,
         command="spheroid",
-        parameters={**parameters, "steps": steps, "linear_solver": linear_solver, "cell": asdict(tissue.cell)},
+        parameters=parameters,
         figures={
             **_counts(body),
             "dofs": (newton.pattern.size, ""),
