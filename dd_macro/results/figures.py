@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator, NullFormatter, StrMethodFormatter
 from numpy.typing import NDArray
 
 from dd_macro.methods.newton import NewtonIteration
-from dd_macro.results.compare import ErrorMap, grid_index
+from dd_macro.results.compare import ErrorMap
 from tsg_micro.data.figure_style import (
     FIELD,
     STYLE,
@@ -28,7 +28,6 @@ from tsg_micro.data.figure_style import (
 
 __all__ = [
     "ROUNDS",
-    "block_outlines",
     "plot_boundary",
     "plot_comparison",
     "plot_convergence",
@@ -46,19 +45,6 @@ ROUNDS = {
     "error": ("estimated error of the state", "D-", "tab:green"),
 }
 """Of a round: its meaning, relative to the whole, and how it is drawn."""
-
-
-def block_outlines(midpoint: Array) -> Array:
-    """Rectangles (n, 4, 2) in m, in the plane z, of blocks on a regular grid with midpoints (n, 3).
-
-    Raises:
-        InputError: the midpoints are not those of a regular grid.
-    """
-    shape = grid_index(midpoint).max(axis=0) + 1
-    extent = np.ptp(midpoint, axis=0)
-    steps = [extent[i] / (shape[i] - 1) if shape[i] > 1 else 0.0 for i in range(2)]
-    half = 0.5 * np.array([s or max(steps) or 1.0 for s in steps])
-    return midpoint[:, None, :2] + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
 
 
 def plot_convergence(distance: Sequence[float], changed: Sequence[int], omega: Sequence[float]) -> Figure:

@@ -1,6 +1,6 @@
 """One cell pressed down on a fixed base (paper, Section 3.1).
 
-The four nodes of the bottom face are fixed. The force is shared by the four nodes of the top face and points down. The
+The nodes of the bottom face are fixed. The force is shared by those of the top face and points down. The
 paper does not say whether the indenter holds the top sideways; by default it does not (``top="free"``), and the top
 face turns and shrinks as it sinks. ``top="guided"`` lets its nodes move up and down only; the cell then sinks about a
 sixth less.
@@ -44,7 +44,7 @@ class Indentation:
 
     @property
     def theta(self) -> float:
-        """Twist of the square faces at rest, rad."""
+        """Twist of the faces at rest, rad."""
         return self.tissue.unit_cell.theta
 
     @property
@@ -67,14 +67,18 @@ class Indentation:
     def twist_angle(self) -> Array:
         """Angle in degrees (steps + 1,) between the side faces' diagonals and the axes of the cube, mean of the four.
 
-        15.037 at rest with the default shape. As seen from outside, each face is turned clockwise by that angle.
+        15.037 at rest with the default shape. As seen from outside, each face is turned by it: clockwise, but in a cell
+        that is a mirror image anticlockwise.
         """
+        unit = self.tissue.unit_cell
+        x, y, _ = unit.nodes[unit.faces[2][1][0]]
+        sense = -1.0 if np.sin(4.0 * np.arctan2(y, x)) > 0.0 else 1.0
         sides = [(axis, end) for axis in (0, 1) for end in ("low", "high")]
         turned = [
             np.mean([face_rotation(self.structure, state.displacement, axis=axis, end=end) for axis, end in sides])  # type: ignore[arg-type]
             for state in self.states
         ]
-        return np.degrees(self.theta - np.array(turned))
+        return np.degrees(self.theta - sense * np.array(turned))
 
     @property
     def compressed_tendons(self) -> list[int]:

@@ -62,8 +62,7 @@ class Model:
         if self.scene not in SCENES:
             raise InputError(f"scene: expected {' or '.join(SCENES)}, got {self.scene!r}")
         check_top(self.top)
-        if min(self.blocks) < 1:
-            raise InputError(f"blocks: expected at least 1 along x and y, got {self.blocks[0]} {self.blocks[1]}")
+        Sheet(self.blocks, 1, self.tissue)
 
     def value(self, name: str) -> float:
         """One parameter's present value."""

@@ -20,6 +20,7 @@ from tsg_micro.cells.structure import Structure
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.response import compressed_tendons, stiffness_under_motion
 from tsg_micro.data.errors import InputError
+from tsg_micro.equilibrium.linear_solvers import choose_backend
 from tsg_micro.equilibrium.load_path import Equilibrium, EquilibriumSolver
 from tsg_micro.equilibrium.members import MACRO, MemberState
 from tsg_micro.equilibrium.newton import NewtonOptions
@@ -41,7 +42,8 @@ class Sheet:
     an equilibrium of the free sheet too, the one that a model without buckling can be compared with.
 
     Raises:
-        InputError: on construction, of a flat sheet with an odd number of layers.
+        InputError: on construction: a count below 1, an odd number of layers in a flat sheet, or a linear solver that
+            is not known or not installed.
     """
 
     blocks: tuple[int, int]
@@ -53,6 +55,11 @@ class Sheet:
     linear_solver: str = "auto"
 
     def __post_init__(self) -> None:
+        if min(self.blocks) < 1:
+            raise InputError(f"blocks: expected at least 1 along x and y, got {self.blocks[0]} {self.blocks[1]}")
+        if self.layers < 1:
+            raise InputError(f"layers: expected at least 1, got {self.layers}")
+        choose_backend(self.unknowns, self.linear_solver)
         if self.flat and self.layers % 2:
             raise InputError(f"flat: expected an even number of layers, with nodes between them, got {self.layers}")
 
@@ -63,9 +70,11 @@ class Sheet:
 
     @property
     def unknowns(self) -> int:
-        """Number of free displacements, not flat: four nodes to a face of the cells, bottom and top held."""
-        nx, ny, nz = self.cells
-        return 12 * ((nx + 1) * ny * nz + nx * (ny - 1) * nz + nx * ny * (nz + 1))
+        """Number of free displacements, not flat: those of the faces and inside of the cells, bottom and top held."""
+        (nx, ny, nz), unit = self.cells, self.tissue.unit_cell
+        x, y, z = (len(low) for low, _ in unit.faces)
+        inside = len(unit.nodes) - 2 * (x + y + z)
+        return 3 * (inside * nx * ny * nz + x * (nx + 1) * ny * nz + y * nx * (ny - 1) * nz + z * nx * ny * (nz + 1))
 
 
 def memory_needed(unknowns: int, backend: str) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,14 +59,9 @@ class Spheroid:
         return radial_profile(self.r, values, shells=self.shells)
 
     @property
-    def height(self) -> float:
-        """Of a cell, m."""
-        return float(self.structure.size[0] / (np.ptp(self.structure.cells[:, 0]) + 1))
-
-    @property
     def shells(self) -> int:
         """Number of shells of a profile, each 0.625 blocks thick."""
-        return max(3, round(0.8 * self.radius / self.height))
+        return max(3, round(0.8 * self.radius / self.structure.height))
 
 
 def build_spheroid(tissue: Tissue, *, radius: float, profile: str, decay: float) -> Spheroid:
@@ -149,15 +145,15 @@ def compress(
     *,
     linear_solver: str = "auto",
     say: Callable[[str], None] = lambda text: None,
-    note: Callable[[SpheroidState], None] = lambda record: None,
 ) -> Compression:
     """Follow the equilibrium of ``body`` from rest through rising ``levels`` (k,) of the load, each one stable.
 
-    Where it is lost it ends with what was reached; ``note`` sees every level after rest.
+    Where it is lost it ends with what was reached.
 
     Raises:
         InputError: the load is not known.
     """
+    begin = time.perf_counter()
     solver = _solver(body, load, linear_solver)
     say(f"{solver.newton.pattern.size} unknowns, {solver.newton.choice.backend} ({solver.newton.choice.reason})")
     records, reason = [_record(body, 0.0, solver.solve(stable=True))], "the level asked for"
@@ -165,12 +161,21 @@ def compress(
         reached, lost = _advance(solver, body, load, (float(start), float(goal)))
         if reached:
             records.append(_record(body, *reached))
-            note(records[-1])
+            say(_words(load, records, time.perf_counter() - begin))
         if lost:
             reason = lost
             say(f"stopped: {lost}")
             break
     return Compression(body, load, records, reason, solver)
+
+
+def _words(load: str, records: list[SpheroidState], seconds: float) -> str:
+    """The last level that was reached."""
+    last = records[-1]
+    return (
+        f"{load} {last.level:.4g}: volume {last.volume / records[0].volume:.4f}, {last.state.iterations} iterations, "
+        f"{last.state.negative_pivots} negative pivots, {seconds:.0f} s"
+    )
 
 
 def check_spheroid_load(load: str) -> None:

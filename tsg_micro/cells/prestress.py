@@ -22,6 +22,7 @@ __all__ = [
     "SelfStress",
     "force_density_of_cells",
     "force_density_of_owners",
+    "out_of_balance",
     "prestressed",
     "self_stress",
     "with_bar_force",
@@ -110,6 +111,11 @@ def force_density_of_owners(structure: Structure, parameters: CellParameters, ba
     state = np.append(unit.force_density, 0.0)
     scale = np.append(f / (unit.bar_length * parameters.height / 2.0), 0.0)  # the last one stands for "no cell"
     return np.asarray(state[structure.member_places] * scale[structure.member_cells])
+
+
+def out_of_balance(structure: Structure, parameters: CellParameters, bar_force: ArrayLike) -> float:
+    """Largest force, N, that the self-stress of a lattice leaves at a node: round-off, if it is one."""
+    return float(np.abs(equilibrium_matrix(structure) @ force_density_of_cells(structure, parameters, bar_force)).max())
 
 
 def with_force_density(structure: Structure, force_density: Array) -> Structure:

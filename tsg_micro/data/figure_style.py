@@ -25,6 +25,7 @@ __all__ = [
     "MICRO",
     "STYLE",
     "aspect_ratio",
+    "block_outlines",
     "colour_bar",
     "draw_field",
     "finite",
@@ -93,6 +94,38 @@ def aspect_ratio(outline: Array) -> float:
     """Height over width of a map of polygons (n, corners, 2), within reason."""
     extent = np.ptp(outline.reshape(-1, 2), axis=0)
     return float(np.clip(extent[1] / extent[0], 0.25, 1.5))
+
+
+def block_outlines(midpoint: Array, displacement: Array | None = None, single: float = 20e-6) -> Array:
+    """Quadrilaterals (b, 4, 2) in m of the blocks of one layer, from their midpoints (b, 3) and displacements.
+
+    A block that is alone has the edge ``single``, m.
+
+    Raises:
+        InputError: the midpoints are not those of a full regular grid.
+    """
+    extent = np.ptp(midpoint[:, :2], axis=0)
+    places = [np.unique(np.round(midpoint[:, i] / (extent.max() or 1.0), 6), return_inverse=True) for i in (0, 1)]
+    shape = tuple(len(values) for values, _ in places)
+    flat = places[0][1] * shape[1] + places[1][1]
+    steps = [np.diff(values) for values, _ in places]
+    if len(np.unique(flat)) != np.prod(shape) or any(len(d) and np.ptp(d) > 0.01 * d.mean() for d in steps):
+        raise InputError(f"block midpoints: expected a full regular grid, got {len(midpoint)} blocks that are none")
+    pitch = [extent[i] / (shape[i] - 1) if shape[i] > 1 else 0.0 for i in (0, 1)]
+    half = 0.5 * np.array([p or max(pitch) or single for p in pitch])
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    outline = midpoint[:, None, :2] + (2 * corners - 1) * half
+    if displacement is not None:
+        at_corners = np.empty((*shape, 2))
+        at_corners[places[0][1], places[1][1]] = displacement[:, :2]
+        for axis in (0, 1):  # means between the midpoints, straight on at the sides
+            u = np.moveaxis(at_corners, axis, 0)
+            i = min(1, len(u) - 1)
+            first, last = 1.5 * u[0] - 0.5 * u[i], 1.5 * u[-1] - 0.5 * u[-1 - i]
+            ends = [first[None], 0.5 * (u[1:] + u[:-1]), last[None]]
+            at_corners = np.moveaxis(np.concatenate(ends), 0, axis)
+        outline = outline + at_corners[places[0][1][:, None] + corners[:, 0], places[1][1][:, None] + corners[:, 1]]
+    return outline
 
 
 def draw_field(axes: Axes, outline: Array, values: Array, ends: tuple[float, float], cmap: str) -> PolyCollection:

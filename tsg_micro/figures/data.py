@@ -11,11 +11,10 @@ from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike, NDArray
 
 from tsg_micro.data.dataset import Dataset
-from tsg_micro.data.errors import InputError
-from tsg_micro.data.figure_style import STYLE, finite, new_figure, plot_maps, tidy
+from tsg_micro.data.figure_style import STYLE, block_outlines, finite, new_figure, plot_maps, tidy
 from tsg_micro.data.mandel import COMPONENTS, from_mandel, pressure, von_mises
 
-__all__ = ["outlines", "plot_blocks", "plot_curve", "plot_dataset"]
+__all__ = ["plot_blocks", "plot_curve", "plot_dataset"]
 
 Array = NDArray[np.float64]
 
@@ -83,7 +82,7 @@ def plot_blocks(
     if displacement is not None:
         displacement = finite("displacement", displacement, (len(top), 3))[top]
     shown = {title: (finite(f"field {title}", v, (len(top),))[top], unit) for title, (v, unit) in fields.items()}
-    return plot_maps(outlines(midpoint, displacement, single), shown, columns=columns)
+    return plot_maps(block_outlines(midpoint, displacement, single), shown, columns=columns)
 
 
 def plot_curve(
@@ -105,29 +104,3 @@ def plot_curve(
         axes.set_ylabel(f"{stress_label} / {unit}")
         tidy(axes)
     return figure
-
-
-def outlines(midpoint: Array, displacement: Array | None, single: float) -> Array:
-    """Quadrilaterals (b, 4, 2) in m of the blocks of one layer, from their midpoints (b, 3) and displacements."""
-    extent = np.ptp(midpoint[:, :2], axis=0)
-    places = [np.unique(np.round(midpoint[:, i] / (extent.max() or 1.0), 6), return_inverse=True) for i in (0, 1)]
-    shape = tuple(len(values) for values, _ in places)
-    flat = places[0][1] * shape[1] + places[1][1]
-    steps = [np.diff(values) for values, _ in places]
-    if len(np.unique(flat)) != np.prod(shape) or any(len(d) and np.ptp(d) > 0.01 * d.mean() for d in steps):
-        raise InputError(f"block midpoints: expected a full regular grid, got {len(midpoint)} blocks that are none")
-    pitch = [extent[i] / (shape[i] - 1) if shape[i] > 1 else 0.0 for i in (0, 1)]
-    half = 0.5 * np.array([p or max(pitch) or single for p in pitch])
-    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-    outline = midpoint[:, None, :2] + (2 * corners - 1) * half
-    if displacement is not None:
-        at_corners = np.empty((*shape, 2))
-        at_corners[places[0][1], places[1][1]] = displacement[:, :2]
-        for axis in (0, 1):  # means between the midpoints, straight on at the sides
-            u = np.moveaxis(at_corners, axis, 0)
-            i = min(1, len(u) - 1)
-            first, last = 1.5 * u[0] - 0.5 * u[i], 1.5 * u[-1] - 0.5 * u[-1 - i]
-            ends = [first[None], 0.5 * (u[1:] + u[:-1]), last[None]]
-            at_corners = np.moveaxis(np.concatenate(ends), 0, axis)
-        outline = outline + at_corners[places[0][1][:, None] + corners[:, 0], places[1][1][:, None] + corners[:, 1]]
-    return outline

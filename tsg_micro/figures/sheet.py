@@ -57,7 +57,7 @@ def plot_sheet(structure: Structure, displacement: Array, force: Array) -> Figur
     segments, force, bars = segments[order, :, :2], force[order], structure.bars[order]
 
     low, high = segments.reshape(-1, 2).min(axis=0), segments.reshape(-1, 2).max(axis=0)
-    block = 2 * MICRO * structure.size[0] / (np.ptp(structure.cells[:, 0]) + 1)
+    block = 2 * MICRO * structure.height
     side = min(2.6 * block, *(0.6 * (high - low)))
     window_high = high + 0.03 * side  # the corner next to its enlargement
     aspect = float(np.clip((high - low)[0] / (high - low)[1], 0.25, 4.0))

@@ -261,5 +261,5 @@ def _balls(mesh: Any, radius: float) -> Any:
 def _cell_height(structure: Structure) -> float:
     """What member radii are measured by, µm: the cell's height, or of other structures 1.4 median member lengths."""
     if len(structure.cells):
-        return MICRO * float(structure.size[0]) / (np.ptp(structure.cells[:, 0]) + 1)
+        return MICRO * structure.height
     return 1.4 * MICRO * float(np.median(np.linalg.norm(np.diff(member_segments(structure, None), axis=1), axis=2)))

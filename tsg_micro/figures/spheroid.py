@@ -115,7 +115,7 @@ def _slice(body: Spheroid, record: SpheroidState) -> Figure:
     """Radial stress and bar force of the layer of blocks above the middle plane, each where it is now."""
     blocks = body.structure.blocks
     layer = blocks[:, 2] == (blocks[:, 2].min() + blocks[:, 2].max() + 1) // 2
-    half = body.height * np.cbrt(record.stress.J[layer])
+    half = body.structure.height * np.cbrt(record.stress.J[layer])
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     squares = MICRO * (record.stress.midpoint[layer, None, :2] + half[:, None, None] * corners)
     sigma = np.abs(record.stress.cauchy)

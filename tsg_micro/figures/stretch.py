@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 
 from tsg_micro.bodies.sheet import Stretch
 from tsg_micro.bodies.sheet_means import CellStrain, histogram_edges
-from tsg_micro.data.figure_style import FIELD, MICRO, STYLE, new_figure, save_figure, shades, tidy
+from tsg_micro.data.figure_style import FIELD, MICRO, STYLE, block_outlines, new_figure, save_figure, shades, tidy
 from tsg_micro.equilibrium.members import MemberSystem
-from tsg_micro.figures.data import outlines
 from tsg_micro.figures.sheet import plot_sheet
 from tsg_micro.figures.space import View, plot_views
 
@@ -62,7 +61,7 @@ def _before_and_after(out: Path, result: Stretch) -> None:
         structure,
         **{
             name: getattr(structure, name)[near]
-            for name in ("members", "kind", "EA", "rest_length", "shift", "member_cells")
+            for name in ("members", "kind", "EA", "rest_length", "shift", "member_cells", "member_places")
         },
     )
     views = [View("before", None, rest[near]), View(after, u, force[near])]
@@ -95,7 +94,7 @@ def _curve(result: Stretch, modulus: float, measured: Measured) -> Figure:
 def _strain(result: Stretch, cells: CellStrain) -> Figure:
     """Fields on the deformed cells (of several layers the uppermost) and histograms over all of them."""
     top = cells.midpoint[:, 2] >= cells.midpoint[:, 2].max() * (1 - 1e-6)
-    shape = MICRO * outlines(cells.midpoint[top], cells.displacement[top], result.sheet.tissue.cell.height)
+    shape = MICRO * block_outlines(cells.midpoint[top], cells.displacement[top], result.sheet.tissue.cell.height)
     extent = np.ptp(shape.reshape(-1, 2), axis=0)
     aspect = float(np.clip(extent[1] / extent[0], 0.3, 1.6))
     with mpl.rc_context(STYLE):

@@ -62,6 +62,16 @@ def calibrate(
     out = output_folder(out)
     if save_tissue is not None and (save_tissue.is_dir() or not output_folder(save_tissue.parent)):
         raise InputError(f"save_tissue: expected a file, got the folder {save_tissue}")
+    parameters = {
+        "data": data,
+        "scene": model.scene,
+        "fit": names,
+        "start": {name: model.value(name) for name in names},
+        "blocks": model.blocks if model.scene == "monolayer" else None,
+        "top": model.top if model.scene == "cell" else None,
+        **model.tissue.as_dict(),
+        "bounds": {name: (PARAMETERS[name].low, PARAMETERS[name].high) for name in names},
+    }
     begin = time.perf_counter()
     found = fit_curve(model, names, load, answer)
     seconds = time.perf_counter() - begin
@@ -72,16 +82,7 @@ def calibrate(
     summary = write_summary(
         out,
         command="calibrate",
-        parameters={
-            "data": data,
-            "scene": model.scene,
-            "fit": names,
-            "start": {name: model.value(name) for name in names},
-            "blocks": model.blocks if model.scene == "monolayer" else None,
-            "top": model.top if model.scene == "cell" else None,
-            **model.tissue.as_dict(),
-            "bounds": {name: (PARAMETERS[name].low, PARAMETERS[name].high) for name in names},
-        },
+        parameters=parameters,
         figures={
             "fitted": (fitted, ""),
             "correlation": (found.correlation.tolist(), "1"),

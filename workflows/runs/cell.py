@@ -52,7 +52,7 @@ def cell(
     force: float = 3e-9,
     steps: int = 30,
     top: str = "free",
-    tissue: Tissue | None = None,
+    tissue: Tissue = Tissue(),
     plots: bool = True,
     say: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
@@ -67,12 +67,12 @@ def cell(
         InputError: an argument is not valid.
         ConvergenceError: the equilibrium was lost.
     """
-    tissue = tissue or Tissue()
     _check(force, steps, top)
     band = tuple(bar_force) or DEFAULT_BAND
     tissues = [replace(tissue, bar_force=value) for value in band]
     if len(set(band)) != len(band):
         raise InputError(f"bar_force: expected each value once, got {', '.join(f'{f:g}' for f in band)}")
+    parameters = {**tissue.as_dict(), "bar_force": band, "force": force, "steps": steps, "top": top}
     out = output_folder(out)
 
     begin = time.perf_counter()
@@ -99,12 +99,7 @@ def cell(
         "seconds": (seconds, "s"),
         "peak_memory": (peak_memory(), "B"),
     }
-    summary = write_summary(
-        out,
-        command="cell",
-        parameters={"force": force, "steps": steps, "top": top, **tissue.as_dict(), "bar_force": band},
-        figures=figures,
-    )
+    summary = write_summary(out, command="cell", parameters=parameters, figures=figures)
     if plots:
         from tsg_micro.figures.cell import draw_cell
 

@@ -77,7 +77,7 @@ def dns(
     strains = [strain * number / steps for number in range(steps + 1)]
     state, resumed = _follow(body, strains, out / "checkpoint.h5", fingerprint(parameters), begin, say)
     fields = block_fields(body.structure, state.displacement, body.members)
-    data, kirchhoff = block_data(fields, parameters=scene, versions=versions())
+    data, kirchhoff = block_data(fields, parameters=scene | {"tissue": tissue.as_dict()}, versions=versions())
     write_dataset(out / "blocks.h5", data)
     write_dataset(out / "blocks_kirchhoff.h5", kirchhoff)
     figures = _figures(body, strains, state, fields, motion)

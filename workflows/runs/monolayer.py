@@ -24,7 +24,6 @@ from tsg_micro.cells.structure import Structure
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import atomic_path, output_folder
-from tsg_micro.equilibrium.linear_solvers import choose_backend
 from tsg_micro.equilibrium.load_path import Equilibrium
 from workflows.runs.loads import check_load
 from workflows.store.record import peak_memory, write_summary
@@ -51,7 +50,7 @@ def monolayer(
     blocks: tuple[int, int] = (60, 30),
     layers: int = 1,
     strain: float = 0.25,
-    tissue: Tissue | None = None,
+    tissue: Tissue = Tissue(),
     steps: int = 25,
     write_every: int = 5,
     convergence: Sequence[tuple[int, int]] = (),
@@ -70,14 +69,18 @@ def monolayer(
         InputError: an argument is not valid.
         ConvergenceError: the equilibrium was lost.
     """
-    tissue = tissue or Tissue()
-    _check(strain, steps, write_every, [blocks, *convergence], layers)
-    tissues = [replace(tissue, bar_force=f) for f in band]
-    choose_backend(1, linear_solver)
+    check_load("stretch", strain)
+    if min(steps, write_every, layers) < 1:
+        raise InputError(f"steps, write_every, layers: expected at least 1, got {steps}, {write_every} and {layers}")
+    sheet = Sheet(blocks, layers, tissue, linear_solver=linear_solver)
+    smaller = [replace(sheet, blocks=size) for size in convergence]
+    few = (min(blocks[0], BAND_BLOCKS[0]), min(blocks[1], BAND_BLOCKS[1]))
+    other = [replace(sheet, blocks=few, tissue=replace(tissue, bar_force=f)) for f in band]
+    parameters = {"blocks": blocks, "layers": layers, "strain": strain, "steps": steps, **tissue.as_dict()}
+    parameters |= {"convergence": list(convergence), "band": list(band), "linear_solver": linear_solver}
     out = output_folder(out)
 
     begin = time.perf_counter()
-    sheet = Sheet(blocks, layers, tissue, linear_solver=linear_solver)
     strains = strain * np.arange(1, steps + 1) / steps
     series = None
     if plots:
@@ -94,17 +97,14 @@ def monolayer(
     cells = cell_strain(result)
     _write_cells(out / "cells.h5", cells)
     modulus = _cell_modulus(tissue)
-    sizes = [stretch(replace(sheet, blocks=size), strains) for size in convergence]
-    small = replace(sheet, blocks=(min(blocks[0], BAND_BLOCKS[0]), min(blocks[1], BAND_BLOCKS[1])))
-    others = [(stretch(replace(small, tissue=one), strains), _cell_modulus(one)) for one in tissues]
+    sizes = [stretch(one, strains) for one in smaller]
+    others = [(stretch(one, strains), _cell_modulus(one.tissue)) for one in other]
     figures = _figures(result, cells, modulus) | {
         "convergence": ([_row(other) | _differences(other, result) for other in sizes], "SI"),
         "band": ([_row(other) | {"cell_apparent_modulus": one} | _ratios(other, one) for other, one in others], "SI"),
         "seconds": (seconds, "s"),
         "peak_memory": (peak_memory(), "B"),
     }
-    parameters = {"blocks": blocks, "layers": layers, "strain": strain, "steps": steps, **tissue.as_dict()}
-    parameters |= {"convergence": list(convergence), "band": list(band), "linear_solver": linear_solver}
     summary = write_summary(out, command="monolayer", parameters=parameters, figures=figures)
     if series:
         series.close()
@@ -130,16 +130,6 @@ def _draw(
         draw_convergence(out, [*sizes, result])
     if others:
         draw_band(out, others, (measured.label, measured.low))
-
-
-def _check(strain: float, steps: int, write_every: int, sizes: Sequence[tuple[int, int]], layers: int) -> None:
-    """Raise InputError where an argument is not valid."""
-    check_load("stretch", strain)
-    if min(steps, write_every, layers) < 1:
-        raise InputError(f"steps, write_every, layers: expected at least 1, got {steps}, {write_every} and {layers}")
-    for size in sizes:
-        if min(size) < 1:
-            raise InputError(f"blocks: expected at least 1 along x and y, got {size[0]} {size[1]}")
 
 
 def _cell_modulus(tissue: Tissue) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import time
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,6 @@ from tsg_micro.bodies.spheroid import (
     LOADS,
     Compression,
     Spheroid,
-    SpheroidState,
     build_spheroid,
     check_spheroid_load,
     compress,
@@ -25,7 +24,6 @@ from tsg_micro.continuum.response import compressed_tendons
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import atomic_path, output_folder
 from tsg_micro.equilibrium.linear_solvers import choose_backend
-from tsg_micro.equilibrium.surface import enclosed_volume
 from workflows.store.record import peak_memory, write_summary
 
 __all__ = ["LEVELS", "spheroid"]
@@ -49,7 +47,7 @@ def spheroid(
     load: str = "pressure",
     level: float | None = None,
     steps: int = 5,
-    tissue: Tissue | None = None,
+    tissue: Tissue = Tissue(),
     linear_solver: str = "auto",
     plots: bool = True,
     say: Callable[[str], None] = lambda text: None,
@@ -69,30 +67,22 @@ def spheroid(
     level = _check(load, level, steps, f_max)
     choose_backend(1, linear_solver)
     begin = time.perf_counter()
-    tissue = replace(tissue or Tissue(), bar_force=f_max)
+    tissue = replace(tissue, bar_force=f_max)
+    parameters = {**tissue.as_dict(), "radius": radius, "f_max": f_max, "profile": profile, "decay": decay}
+    parameters |= {"load": load, "level": level, "steps": steps, "linear_solver": linear_solver}
     body = build_spheroid(tissue, radius=radius, profile=profile, decay=decay)
     out = output_folder(out)
-    rest = enclosed_volume(body.surface, body.structure.nodes)
-
-    def note(record: SpheroidState) -> None:
-        state = record.state
-        say(
-            f"{load} {record.level:.4g}: volume {record.volume / rest:.4f}, {state.iterations} iterations, "
-            f"{state.negative_pivots} negative pivots, {time.perf_counter() - begin:.0f} s"
-        )
-
     levels = level * np.arange(1, steps + 1) / steps
-    result = compress(body, load, levels, linear_solver=linear_solver, say=say, note=note)
+    result = compress(body, load, levels, linear_solver=linear_solver, say=say)
     reached = result.records[-1].level
     stiffness = result.lowest_stiffness() if reached < level else None
     seconds = time.perf_counter() - begin
     _write_blocks(out / "blocks.csv", result)
     unit, newton = LOADS[load], result.solver.newton
-    parameters = {"radius": radius, "f_max": f_max, "profile": profile, "decay": decay, "load": load, "level": level}
     summary = write_summary(
         out,
         command="spheroid",
-        parameters={**parameters, "steps": steps, "linear_solver": linear_solver, "cell": asdict(tissue.cell)},
+        parameters=parameters,
         figures={
             **_counts(body),
             "dofs": (newton.pattern.size, ""),

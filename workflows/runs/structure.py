@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from tsg_micro.cells.lattice import box_cells, spheroid_cells
-from tsg_micro.cells.prestress import force_density_of_cells, prestressed
-from tsg_micro.cells.structure import equilibrium_matrix
+from tsg_micro.cells.prestress import out_of_balance, prestressed
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
@@ -26,7 +25,7 @@ def structure(
     cells: tuple[int, int, int] | None = None,
     shape: str = "box",
     radius: float | None = None,
-    tissue: Tissue | None = None,
+    tissue: Tissue = Tissue(),
     plots: bool = True,
 ) -> dict[str, Any]:
     """Build a box of cells, or a spheroid of 2x2x2 blocks; figures and a ParaView file go to ``out``.
@@ -40,12 +39,10 @@ def structure(
         raise InputError("shape spheroid: expected --radius in blocks, and no --cells")
     if shape == "box" and (cells is None or radius is not None):
         raise InputError("shape box: expected --cells NX NY NZ, and no --radius")
-    tissue = tissue or Tissue()
     where = spheroid_cells(radius) if radius is not None else box_cells(*(cells or (1, 1, 1)))
     built = prestressed(tissue.lattice(where), tissue.cell, tissue.bar_force)
     out = output_folder(out)
-    q = force_density_of_cells(built, tissue.cell, tissue.bar_force)
-    residual = float(np.abs(equilibrium_matrix(built) @ q).max() / tissue.bar_force)
+    residual = out_of_balance(built, tissue.cell, tissue.bar_force) / tissue.bar_force
     states, mechanisms, method = self_stress_counts(built)
     summary = write_summary(
         out,

@@ -23,9 +23,9 @@ from dd_macro import (
     write_vtkhdf,
 )
 from dd_macro.results.compare import error_map, ring_index
-from dd_macro.results.figures import block_outlines, plot_boundary, plot_comparison, plot_convergence
+from dd_macro.results.figures import plot_boundary, plot_comparison, plot_convergence
 from tsg_micro.data.errors import InputError
-from tsg_micro.data.figure_style import plot_maps, save_figure
+from tsg_micro.data.figure_style import block_outlines, plot_maps, save_figure
 from tsg_micro.data.mandel import pressure, von_mises
 
 pytestmark = pytest.mark.mpi

@@ -11,9 +11,12 @@ from tsg_micro.bodies.cell import indent
 from tsg_micro.bodies.sheet import STRETCH, ClampedSheet, Sheet, stretch
 from tsg_micro.bodies.sheet_means import cell_strain, row_balance
 from tsg_micro.bodies.spheroid import build_spheroid, compress
+from tsg_micro.cells.laws.linear import LINEAR, NoCompression
 from tsg_micro.cells.parameters import CellParameters
-from tsg_micro.cells.tissue import Tissue
+from tsg_micro.cells.tissue import UNIT_CELLS, Tissue
+from tsg_micro.cells.truncated_octahedron import unit_cell
 from tsg_micro.continuum.homogenise import block_fields
+from tsg_micro.continuum.response import compressed_tendons
 from tsg_micro.data.errors import InputError
 
 SHEAR = (1.0, 0.0, 0.0)
@@ -68,6 +71,28 @@ def test_a_flat_sheet_needs_no_force_to_be_flat():
     assert flat.dofs < free.dofs == Sheet((2, 2)).unknowns
     with pytest.raises(InputError, match="flat: expected an even number of layers, with nodes between them, got 3"):
         Sheet((2, 2), layers=3, flat=True)
+
+
+def test_the_mirror_image_of_a_cell_answers_alike(monkeypatch):
+    monkeypatch.setitem(UNIT_CELLS, "mirrored", lambda r: unit_cell(r, mirrored=True))
+    other = dataclasses.replace(TISSUE, unit="mirrored")
+    pressed, mirrored = (indent(tissue, [1e-9, 3e-9]) for tissue in (TISSUE, other))
+    np.testing.assert_allclose(mirrored.displacement, pressed.displacement, rtol=1e-9, atol=1e-18)
+    np.testing.assert_allclose(mirrored.twist_angle, pressed.twist_angle, rtol=1e-9)
+    # seen from below, a sheet of one layer is that of the mirror images; one of two layers is its own mirror image
+    a, b = (ClampedSheet(Sheet((2, 1), 1, tissue), SHEAR).load(0.05) for tissue in (TISSUE, other))
+    assert b.nominal_stress == pytest.approx(a.nominal_stress, rel=1e-9)
+
+
+def test_the_law_of_the_members_is_that_of_the_tissue():
+    """Pressed together a sheet has tendons under compression, but none where they cannot carry it."""
+    linear, slack = (
+        ClampedSheet(Sheet((2, 1), 1, dataclasses.replace(TISSUE, law=law))) for law in (LINEAR, NoCompression())
+    )
+    stress = [body.load(-0.15).nominal_stress for body in (linear, slack)]
+    assert compressed_tendons(linear.structure, linear.members) > 0
+    assert compressed_tendons(slack.structure, slack.members) == 0
+    assert stress[0] < stress[1] < 0.0
 
 
 def test_larger_cells_of_the_same_shape_have_the_same_stress():
