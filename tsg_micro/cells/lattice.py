@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tsg_micro.cells.parameters import CellParameters
+from tsg_micro.cells.parameters import TABLE_1, CellParameters
 from tsg_micro.cells.structure import Structure, member_vectors, unit_of
 from tsg_micro.cells.truncated_octahedron import unit_cell
 from tsg_micro.cells.unit_cell import BAR, UnitCell
@@ -95,7 +95,7 @@ def lattice(
         InputError: ``cells`` is empty or repeats a cell, or a periodic axis does not hold a full box of an even
             number of cells.
     """
-    parameters = parameters or CellParameters()
+    parameters = parameters or TABLE_1
     cells = np.atleast_2d(np.asarray(cells, dtype=np.int64))
     _check(cells, periodic, images)
     count = np.ptp(cells, axis=0) + 1

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tsg_micro.data.errors import InputError
 
-__all__ = ["CellParameters", "check_bar_force"]
+__all__ = ["TABLE_1", "CellParameters", "check_bar_force"]
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,10 @@ class CellParameters:
     def EA_tendon(self) -> float:
         """Axial stiffness of a tendon, N."""
         return self.E_tendon * math.pi * self.d_tendon**2 / 4.0
+
+
+TABLE_1 = CellParameters()
+"""The paper's cell."""
 
 
 def check_bar_force(bar_force: ArrayLike, *, cells: int, EA_bar: float) -> NDArray[np.float64]:

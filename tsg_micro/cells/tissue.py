@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from tsg_micro.cells.lattice import Images, box_cells, lattice
 from tsg_micro.cells.laws.linear import LINEAR
 from tsg_micro.cells.member_law import MemberLaw, law_as_dict, law_from_dict
-from tsg_micro.cells.parameters import CellParameters, check_bar_force
+from tsg_micro.cells.parameters import TABLE_1, CellParameters, check_bar_force
 from tsg_micro.cells.plain_values import check_names, numbers
 from tsg_micro.cells.prestress import prestressed
 from tsg_micro.cells.structure import Structure
@@ -33,7 +33,7 @@ class Tissue:
         InputError: on construction, where the bar force is not one positive number that the bars can carry.
     """
 
-    cell: CellParameters = field(default_factory=CellParameters)
+    cell: CellParameters = TABLE_1
     bar_force: float = 1e-8
     """f_b, N."""
     law: MemberLaw = LINEAR

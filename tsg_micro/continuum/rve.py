@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tsg_micro.cells.lattice import Images, box_cells, lattice, side_nodes
-from tsg_micro.cells.parameters import CellParameters
-from tsg_micro.cells.prestress import prestressed
+from tsg_micro.cells.lattice import Images, side_nodes
+from tsg_micro.cells.parameters import TABLE_1, CellParameters
 from tsg_micro.cells.structure import Structure
+from tsg_micro.cells.tissue import Tissue
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import BASIS, COMPONENTS, from_mandel, to_mandel
 from tsg_micro.equilibrium.load_path import Equilibrium, EquilibriumSolver
@@ -208,6 +208,6 @@ def build_rve(
     Raises:
         InputError: an argument is not valid; the text names it.
     """
-    parameters = parameters or CellParameters()
-    structure = lattice(box_cells(*(2 * n for n in blocks)), parameters, periodic=periodic, images=images)
-    return RVE(prestressed(structure, parameters, bar_force), free=free, options=options)
+    nx, ny, nz = (2 * n for n in blocks)
+    structure = Tissue(parameters or TABLE_1, bar_force).box((nx, ny, nz), periodic=periodic, images=images)
+    return RVE(structure, free=free, options=options)

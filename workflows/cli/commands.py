@@ -10,11 +10,10 @@ from typing import Annotated
 
 import typer
 
-from workflows.cli import cells as cli_scenes
+from workflows.cli import bodies as cli_bodies
 from workflows.cli import fe2 as cli_fe2
-from workflows.cli import further_studies as cli_beyond
 from workflows.cli import studies as cli_study
-from workflows.cli.options import (
+from workflows.runs.options import (
     Box,
     Clamp,
     ClampName,
@@ -248,9 +247,9 @@ def import_csv(
     run(csv, column=column, zero=zero or [], silent=silent or [], stress_measure=stress_measure.value, out=out)
 
 
-app.add_typer(cli_scenes.scenes)
-app.add_typer(cli_beyond.study, name="study")
-app.add_typer(cli_study.bench, name="bench")
+app.add_typer(cli_bodies.bodies)
+for _name, _group in zip(("study", "bench"), cli_study.find_studies(), strict=True):
+    app.add_typer(_group, name=_name)
 
 
 @app.command()

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workflows.cli.options import (
+from workflows.runs.options import (
     BarForce,
     Clamp,
     ClampName,

@@ -15,7 +15,9 @@ from tsg_micro.cells.tissue import Tissue
 from tsg_micro.cells.tissue_file import read_tissue, write_tissue
 from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.data.dataset import read_dataset
-from workflows.cli.options import CellOptions, Group, TissueOptions, grouped
+from workflows.cli.studies import find_studies
+from workflows.runs.options import CellOptions, Group, TissueOptions, grouped
+from workflows.studies import commands
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,30 @@ def test_help_names_every_option_in_its_place():
     )
     assert "Along x." in text
     assert "default: 20" in text
+
+
+NEW_STUDY = """
+from workflows.runs.options import say
+from workflows.studies.options import ChainOptions
+
+
+def command(*, chain: ChainOptions) -> None:
+    '''A study of one's own.'''
+    say(f"{chain.make().blocks} {chain.strain}")
+"""
+
+
+def test_a_study_is_found_by_its_file(tmp_path, monkeypatch):
+    """And nothing in the command line knows of it."""
+    (tmp_path / "of_mine.py").write_text(NEW_STUDY)
+    (tmp_path / "bench_of_mine.py").write_text(NEW_STUDY)
+    monkeypatch.setattr(commands, "__path__", [*commands.__path__, str(tmp_path)])
+    for app, there in zip(find_studies(), ("metric", "tsgfem"), strict=True):
+        listed = CliRunner().invoke(app, ["--help"]).output
+        assert there in listed
+        assert "A study of one's own." in listed
+        done = CliRunner().invoke(app, ["of-mine", "--blocks", "7", "5"])
+        assert done.output.strip() == "(7, 5) 0.05"
 
 
 def test_defaults_are_those_of_a_tissue():

@@ -1,4 +1,4 @@
-"""The command line of the cell scenes, the paper's Section 3."""
+"""The command line of bodies that are loaded whole (paper, Section 3): cell, monolayer, spheroid, and a fit."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Annotated
 
 import typer
 
-from workflows.cli.options import CellOptions, Out, Plots, TissueOptions, grouped, report, say
+from workflows.runs.options import CellOptions, Out, Plots, TissueOptions, grouped, report, say
 from workflows.runs.ranks import check_alone
 
-__all__ = ["scenes"]
+__all__ = ["bodies"]
 
-scenes = typer.Typer()
+bodies = typer.Typer()
 
 Top = Annotated[str, typer.Option(help="Top nodes: free, or guided up and down only.")]
 LinearSolver = Annotated[str, typer.Option(help="auto, superlu, pardiso or mumps.")]
@@ -43,7 +43,7 @@ def _sizes(name: str, text: str) -> list[tuple[int, int]]:
     return sizes
 
 
-@scenes.command()
+@bodies.command()
 @grouped
 def cell(
     *,
@@ -76,7 +76,7 @@ def cell(
     report(summary, f"{one if 'secant_stiffness' in summary else ''}seconds", out)
 
 
-@scenes.command()
+@bodies.command()
 @grouped
 def monolayer(
     *,
@@ -114,7 +114,7 @@ def monolayer(
     report(summary, names, out)
 
 
-@scenes.command()
+@bodies.command()
 @grouped
 def calibrate(
     *,
@@ -160,7 +160,7 @@ def calibrate(
     report(summary, "points rms evaluations seconds", out)
 
 
-@scenes.command()
+@bodies.command()
 @grouped
 def spheroid(
     *,

@@ -128,7 +128,10 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
         default = kind if parameter.default is inspect.Parameter.empty else parameter.default
         for option in _options(kind):
             spread[option] = inspect.Parameter(
-                option, inspect.Parameter.KEYWORD_ONLY, default=getattr(default, option), annotation=types[option]
+                option,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=getattr(default, option, inspect.Parameter.empty),
+                annotation=types[option],
             )
 
     def run(context: typer.Context, **values: Any) -> None:
