@@ -13,6 +13,7 @@ from dd_macro.methods.finite_projection import FiniteProjection, biot_dataset
 from dd_macro.methods.projection import Projection
 from dd_macro.methods.second_order_steps import FiniteTangentStep, LocalTangentStep, Record
 from dd_macro.scene.boundary import Displacement
+from dd_macro.scene.enhanced import EnhancedGradientOperator, EnhancedStrainOperator
 from dd_macro.scene.loads import Load
 from dd_macro.scene.mesh import TaggedMesh
 from dd_macro.scene.problem import Problem
@@ -27,8 +28,12 @@ class Theory(Protocol):
 
     linear: bool
 
-    def operator(self, domain: TaggedMesh, *, degree: int = 1) -> StrainOperator:
-        """B and W of the mesh."""
+    def operator(self, domain: TaggedMesh, *, degree: int = 1, enhanced: bool = False) -> StrainOperator:
+        """B and W of the mesh; elements of degree 1 are trilinear, or ``enhanced``.
+
+        Raises:
+            InputError: enhanced elements of another degree, or no such degree.
+        """
 
     def projection(self, problem: Problem, metric: Metric) -> Projection:
         """The factorised projection onto the constraint set."""
@@ -51,8 +56,8 @@ class _Small:
 
     linear = True
 
-    def operator(self, domain: TaggedMesh, *, degree: int = 1) -> StrainOperator:
-        return StrainOperator(domain, degree=degree)
+    def operator(self, domain: TaggedMesh, *, degree: int = 1, enhanced: bool = False) -> StrainOperator:
+        return EnhancedStrainOperator(domain, degree=degree) if enhanced else StrainOperator(domain, degree=degree)
 
     def projection(self, problem: Problem, metric: Metric) -> Projection:
         return Projection.of(problem, metric)
@@ -75,8 +80,8 @@ class _Finite:
 
     linear = False
 
-    def operator(self, domain: TaggedMesh, *, degree: int = 1) -> StrainOperator:
-        return GradientOperator(domain, degree=degree)
+    def operator(self, domain: TaggedMesh, *, degree: int = 1, enhanced: bool = False) -> StrainOperator:
+        return EnhancedGradientOperator(domain, degree=degree) if enhanced else GradientOperator(domain, degree=degree)
 
     def projection(self, problem: Problem, metric: Metric) -> Projection:
         return FiniteProjection.of(problem, metric)

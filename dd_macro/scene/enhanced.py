@@ -25,6 +25,7 @@ from dd_macro.scene.condensation import CondensedMatrix
 from dd_macro.scene.kinematics import FiniteStrain, Kinematics, second_piola
 from dd_macro.scene.mesh import TaggedMesh
 from dd_macro.scene.spaces import GradientOperator, Stiffness, StrainOperator
+from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import BASIS, from_mandel, to_mandel
 
 __all__ = ["EnhancedFiniteStrain", "EnhancedGradientOperator", "EnhancedModes", "EnhancedStrainOperator"]
@@ -67,10 +68,16 @@ class EnhancedModes:
 
 
 class _Enhanced(StrainOperator):
-    """What small and finite strain share: more unknowns, of which the matrix is condensed."""
+    """What small and finite strain share: more unknowns, of which the matrix is condensed.
 
-    def __init__(self, domain: TaggedMesh) -> None:
-        super().__init__(domain, degree=1)
+    Raises:
+        InputError: another degree than 1.
+    """
+
+    def __init__(self, domain: TaggedMesh, *, degree: int = 1) -> None:
+        if degree != 1:
+            raise InputError(f"degree: expected 1 of enhanced elements, got {degree}")
+        super().__init__(domain)
         self.modes = EnhancedModes(self)
 
     @property

@@ -18,6 +18,7 @@ from workflows.runs.options import (
     Clamp,
     ClampName,
     Degree,
+    Element,
     Flat,
     Images,
     Kinematics,
@@ -169,6 +170,7 @@ def solve(
     kinematics: Kinematics = KinematicsName.small,
     clamp: Clamp = ClampName.full,
     degree: Degree = 1,
+    element: Element = None,
     flat: Flat = False,
     stress_measure: Annotated[
         Measure | None,
@@ -193,7 +195,7 @@ def solve(
     summary = run(
         out,
         data=data,
-        scene=Scene(load.value, strain, elements, mesh, kinematics.value, clamp.value, degree, flat),
+        scene=Scene(load.value, strain, elements, mesh, kinematics.value, clamp.value, degree, flat, element),
         metric=metric,
         order=order,
         stress_measure=None if stress_measure is None else stress_measure.value,

@@ -12,6 +12,7 @@ from workflows.runs.options import (
     Clamp,
     ClampName,
     Degree,
+    Element,
     Flat,
     Kinematics,
     KinematicsName,
@@ -36,6 +37,7 @@ def fe2(
     kinematics: Kinematics = KinematicsName.small,
     clamp: Clamp = ClampName.full,
     degree: Degree = 1,
+    element: Element = None,
     flat: Flat = False,
     steps: Annotated[int, typer.Option(help="Load steps; they are halved where Newton's method fails.")] = 1,
     tolerance: Annotated[float, typer.Option(help="Out-of-balance force over that of the supports.")] = 1e-9,
@@ -49,7 +51,7 @@ def fe2(
 
     summary = run(
         out,
-        scene=Scene(load.value, strain, elements, mesh, kinematics.value, clamp.value, degree, flat),
+        scene=Scene(load.value, strain, elements, mesh, kinematics.value, clamp.value, degree, flat, element),
         tissue=Tissue(bar_force=bar_force),
         steps=steps,
         options=dd_macro.ReferenceOptions(tolerance=tolerance),

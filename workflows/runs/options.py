@@ -26,6 +26,8 @@ __all__ = [
     "Clamp",
     "ClampName",
     "Degree",
+    "Element",
+    "ElementName",
     "Flat",
     "Group",
     "Images",
@@ -84,6 +86,13 @@ class ClampName(StrEnum):
     inplane = "inplane"
 
 
+class ElementName(StrEnum):
+    """Hexahedra of degree 1."""
+
+    trilinear = "trilinear"
+    enhanced = "enhanced"
+
+
 class Images(StrEnum):
     """What members on opposite faces of an RVE become."""
 
@@ -99,6 +108,10 @@ Strain = Annotated[float, typer.Option(help="Displacement of the top side over t
 Kinematics = Annotated[KinematicsName, typer.Option(help="Strain of the macroscopic scene: small or finite.")]
 Clamp = Annotated[ClampName, typer.Option(help="Bottom and top hold all of u, or its part in the plane of the sheet.")]
 Degree = Annotated[int, typer.Option(help="Degree of the elements, 1 or 2.")]
+Element = Annotated[
+    ElementName | None,
+    typer.Option(help="Of degree 1: trilinear, stiff in bending, or enhanced; trilinear if not given."),
+]
 Flat = Annotated[bool, typer.Option("--flat/--free", help="Hold the back side in its plane: the sheet cannot buckle.")]
 Plots = Annotated[bool, typer.Option("--plots/--no-plots", help="Draw the figures and write the ParaView file.")]
 

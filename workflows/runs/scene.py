@@ -17,10 +17,12 @@ from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import from_mandel
 from workflows.runs.loads import LOADS, check_load, check_reach
 
-__all__ = ["CLAMPS", "KINEMATICS", "Scene", "read_material", "tissue_of"]
+__all__ = ["CLAMPS", "ELEMENTS", "KINEMATICS", "Scene", "read_material", "tissue_of"]
 
 KINEMATICS = tuple(dd.THEORIES)
 CLAMPS = ("full", "inplane")
+ELEMENTS = ("trilinear", "enhanced")
+"""Of degree 1: the first one is the default."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +31,9 @@ class Scene:
 
     ``kinematics`` is "small" or "finite" strain. The sides with a displacement are held in all three components
     (``clamp`` "full"), or in the plane of the sheet alone ("inplane"), where their thickness is free: the hold on the
-    thickness fades over a third of a block, which elements of a block cannot follow. ``degree`` of the elements. A
-    ``flat`` sheet has its back side held in its plane, so that it cannot buckle.
+    thickness fades over a third of a block, which elements of a block cannot follow. ``degree`` of the elements;
+    those of degree 1 are an ``element`` of ELEMENTS, its default if None. A ``flat`` sheet has its back side held in
+    its plane, so that it cannot buckle.
     """
 
     load: str
@@ -41,12 +44,17 @@ class Scene:
     clamp: str = "full"
     degree: int = 1
     flat: bool = False
+    element: str | None = None
 
     def __post_init__(self) -> None:
         check_load(self.load, self.strain)
         for name, known in (("kinematics", KINEMATICS), ("clamp", CLAMPS), ("degree", (1, 2))):
             if getattr(self, name) not in known:
                 raise InputError(f"{name}: expected {' or '.join(map(str, known))}, got {getattr(self, name)!r}")
+        if self.element is not None and (self.degree != 1 or self.element not in ELEMENTS):
+            raise InputError(
+                f"element: expected {' or '.join(ELEMENTS)}, of degree 1, got {self.element!r} of degree {self.degree}"
+            )
         if (self.elements is None) == (self.mesh is None):
             raise InputError("elements, mesh: expected one of them, --elements NX NY NZ or --mesh FILE.msh")
 
@@ -65,7 +73,8 @@ class Scene:
             InputError: as :meth:`supports`, or the mesh is not valid.
         """
         domain = self.build(comm, tissue)
-        operator = dd.THEORIES[self.kinematics].operator(domain, degree=self.degree)
+        theory, enhanced = dd.THEORIES[self.kinematics], self.parameters()["element"] == "enhanced"
+        operator = theory.operator(domain, degree=self.degree, enhanced=enhanced)
         return dd.Problem(operator, self.supports(domain))
 
     def supports(self, domain: dd.TaggedMesh) -> list[dd.Displacement]:
@@ -89,8 +98,8 @@ class Scene:
         return float(solution.reaction("top")[LOADS[self.load].axis])
 
     def parameters(self) -> dict[str, object]:
-        """For the summary."""
-        return asdict(self)
+        """For the summary; the element that is taken, None if of degree 2."""
+        return asdict(self) | {"element": (self.element or ELEMENTS[0]) if self.degree == 1 else None}
 
 
 def _lower_edges(domain: dd.TaggedMesh) -> list[dd.Displacement]:

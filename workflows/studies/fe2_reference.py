@@ -93,7 +93,9 @@ def fe2_parameters(fe2: Path) -> dict[str, Any]:
     Raises:
         InputError: it is not there.
     """
-    return {"kinematics": "small", "clamp": "full", "degree": 1, "flat": False} | read_summary(fe2, "fe2")["parameters"]
+    said = read_summary(fe2, "fe2")["parameters"]
+    element = "trilinear" if said.get("degree", 1) == 1 else None
+    return {"kinematics": "small", "clamp": "full", "degree": 1, "flat": False, "element": element} | said
 
 
 def check_fe2(fe2: Path, scene: Scene, tissue: Tissue) -> None:

@@ -98,6 +98,8 @@ class Chain:
         from workflows.runs.fe2 import fe2
 
         run: dict[str, Any] = {**scene.parameters(), "bar_force": self.bar_force}
+        if run["element"] != "enhanced":
+            del run["element"]  # as stages were named before there was another
         name = "-".join(["fe2", scene.load, scene.kinematics, scene.clamp] + ["flat"] * scene.flat)
         solve = partial(fe2, scene=scene, tissue=self.tissue, plots=False, say=say)
         return stages.run(name, run, solve)

@@ -50,6 +50,20 @@ def test_full_clamp_holds_the_thickness():
     assert full.reactions["top"][1] > inplane.reactions["top"][1]
 
 
+@pytest.mark.parametrize("kinematics", ["small", "finite"])
+def test_element_of_the_scene(kinematics):
+    """It is the one asked for, the default or none of degree 2, as the summary says."""
+    for more, name, unknowns in (
+        ({}, "trilinear", 96),
+        ({"element": "trilinear"}, "trilinear", 96),
+        ({"element": "enhanced"}, "enhanced", 96 + 9 * 9),
+        ({"degree": 2}, None, 3 * 7 * 7 * 3),
+    ):
+        scene = Scene("stretch", 0.02, (3, 3, 1), kinematics=kinematics, **more)
+        assert scene.parameters()["element"] == name
+        assert scene.problem(MPI.COMM_SELF).operator.owned_dofs == unknowns
+
+
 def test_a_flat_sheet_needs_its_back():
     scene = Scene("stretch", 0.02, (3, 3, 1), flat=True)
     domain = scene.build(MPI.COMM_SELF)
@@ -77,6 +91,8 @@ def test_tangents_of_few_data(tsgdd, tmp_path):
         ({"kinematics": "large"}, "kinematics: expected small or finite, got 'large'"),
         ({"clamp": "none"}, "clamp: expected full or inplane, got 'none'"),
         ({"degree": 3}, "degree: expected 1 or 2, got 3"),
+        ({"element": "cubic"}, "element: expected trilinear or enhanced, of degree 1, got 'cubic' of degree 1"),
+        ({"element": "enhanced", "degree": 2}, "element: expected .* got 'enhanced' of degree 2"),
     ],
 )
 def test_errors(wrong, text):
