@@ -25,6 +25,8 @@ from workflows.cli.options import (
     KinematicsName,
     Load,
     Measure,
+    MergeNodes,
+    MeshUnit,
     Out,
     OutFile,
     OutOrDefault,
@@ -150,7 +152,9 @@ def solve(
     out: Out,
     data: Annotated[Path | None, typer.Option(help="Material data, HDF5; none are needed with --adapt.")] = None,
     elements: Annotated[tuple[int, int, int] | None, typer.Option(help="Elements along x, y, z; a block each.")] = None,
-    mesh: Annotated[Path | None, typer.Option(help="Hexahedral gmsh mesh in m, sides named bottom and top.")] = None,
+    mesh: Annotated[Path | None, typer.Option(help="Hexahedral gmsh mesh, sides named bottom and top.")] = None,
+    mesh_unit: MeshUnit = "m",
+    merge_nodes: MergeNodes = False,
     load: Annotated[Load, typer.Option(help="How the top side moves.")] = Load.stretch,
     strain: Strain = 0.05,
     metric: Annotated[
@@ -194,7 +198,9 @@ def solve(
     summary = run(
         out,
         data=data,
-        scene=Scene(load.value, strain, elements, mesh, kinematics.value, clamp.value, degree, flat),
+        scene=Scene(
+            load.value, strain, elements, mesh, kinematics.value, clamp.value, degree, flat, mesh_unit, merge_nodes
+        ),
         metric=metric,
         order=order,
         stress_measure=None if stress_measure is None else stress_measure.value,

@@ -16,6 +16,8 @@ from workflows.cli.options import (
     Kinematics,
     KinematicsName,
     Load,
+    MergeNodes,
+    MeshUnit,
     Out,
     Plots,
     Strain,
@@ -29,7 +31,9 @@ __all__ = ["fe2"]
 def fe2(
     out: Out,
     elements: Annotated[tuple[int, int, int] | None, typer.Option(help="Elements along x, y, z; a block each.")] = None,
-    mesh: Annotated[Path | None, typer.Option(help="Hexahedral gmsh mesh in m, sides named bottom and top.")] = None,
+    mesh: Annotated[Path | None, typer.Option(help="Hexahedral gmsh mesh, sides named bottom and top.")] = None,
+    mesh_unit: MeshUnit = "m",
+    merge_nodes: MergeNodes = False,
     load: Annotated[Load, typer.Option(help="How the top side moves.")] = Load.stretch,
     strain: Strain = 0.05,
     bar_force: BarForce = 1e-8,
@@ -49,7 +53,9 @@ def fe2(
 
     summary = run(
         out,
-        scene=Scene(load.value, strain, elements, mesh, kinematics.value, clamp.value, degree, flat),
+        scene=Scene(
+            load.value, strain, elements, mesh, kinematics.value, clamp.value, degree, flat, mesh_unit, merge_nodes
+        ),
         tissue=Tissue(bar_force=bar_force),
         steps=steps,
         options=dd_macro.ReferenceOptions(tolerance=tolerance),

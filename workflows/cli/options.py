@@ -33,6 +33,8 @@ __all__ = [
     "KinematicsName",
     "Load",
     "Measure",
+    "MergeNodes",
+    "MeshUnit",
     "Out",
     "OutFile",
     "OutOrDefault",
@@ -100,6 +102,8 @@ Kinematics = Annotated[KinematicsName, typer.Option(help="Strain of the macrosco
 Clamp = Annotated[ClampName, typer.Option(help="Bottom and top hold all of u, or its part in the plane of the sheet.")]
 Degree = Annotated[int, typer.Option(help="Degree of the elements, 1 or 2.")]
 Flat = Annotated[bool, typer.Option("--flat/--free", help="Hold the back side in its plane: the sheet cannot buckle.")]
+MeshUnit = Annotated[str, typer.Option(help="Unit of the mesh's coordinates: m, mm, um or nm.")]
+MergeNodes = Annotated[bool, typer.Option("--merge-nodes", help="Join nodes of the mesh that are at one place.")]
 Plots = Annotated[bool, typer.Option("--plots/--no-plots", help="Draw the figures and write the ParaView file.")]
 
 

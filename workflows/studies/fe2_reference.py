@@ -93,7 +93,8 @@ def fe2_parameters(fe2: Path) -> dict[str, Any]:
     Raises:
         InputError: it is not there.
     """
-    return {"kinematics": "small", "clamp": "full", "degree": 1, "flat": False} | read_summary(fe2, "fe2")["parameters"]
+    scene = {"kinematics": "small", "clamp": "full", "degree": 1, "flat": False, "mesh_unit": "m", "merge_nodes": False}
+    return scene | read_summary(fe2, "fe2")["parameters"]
 
 
 def check_fe2(fe2: Path, scene: Scene, tissue: Tissue) -> None:
