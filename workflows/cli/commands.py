@@ -301,7 +301,7 @@ def _fail(error: Exception) -> None:
     usage = getattr(error, "format_message", None)  # a wrong option; typer carries its own copy of click or not
     if usage is not None:
         leave(f"tsgdd: {' '.join(usage().split())} (tsgdd --help lists the commands)", 2)
-    if isinstance(error, InputError):
+    if isinstance(error, InputError) and not isinstance(error, OSError):
         leave(f"tsgdd: {one_line}", 2)
     if isinstance(error, ConvergenceError) or type(error).__name__ == "KernelError":
         leave(f"tsgdd: {one_line}", 1)
