@@ -12,13 +12,16 @@ from typing import Any
 with contextlib.suppress(ImportError):
     import dolfinx_solver  # type: ignore[import-not-found]  # noqa: F401
 
+import basix.ufl
 import dolfinx
+import dolfinx.graph
 import numpy as np
 import ufl
+from dolfinx.io.utils import distribute_entity_data
 from mpi4py import MPI
 from petsc4py import PETSc
 
-__all__ = ["KernelError", "compile_form", "geometry_nodes", "gmsh_to_mesh"]
+__all__ = ["KernelError", "compile_form", "geometry_nodes", "hexahedral_mesh", "tag_facets"]
 
 VERSION = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
 
@@ -45,17 +48,19 @@ def compile_form(form: ufl.Form) -> Any:
         ) from None
 
 
-def gmsh_to_mesh(model: Any, comm: MPI.Comm) -> tuple[dolfinx.mesh.Mesh, dolfinx.mesh.MeshTags | None]:
-    """Mesh and facet tags of the gmsh ``model`` of rank 0 (None on the others), distributed over ``comm``."""
-    if VERSION < (0, 10):
-        from dolfinx.io import gmshio
+def hexahedral_mesh(comm: MPI.Comm, points: np.ndarray, cells: np.ndarray) -> dolfinx.mesh.Mesh:
+    """Mesh of the points (n, 3) and cells (m, 8), corners in VTK order, that rank 0 has (the others none)."""
+    element = basix.ufl.element("P", "hexahedron", 1, shape=(3,))
+    from_vtk = dolfinx.cpp.io.perm_gmsh(dolfinx.mesh.CellType.hexahedron, 8)
+    cells = np.ascontiguousarray(cells[:, from_vtk], dtype=np.int64)
+    return dolfinx.mesh.create_mesh(comm, cells=cells, e=ufl.Mesh(element), x=points)
 
-        mesh, _, tags = gmshio.model_to_mesh(model, comm, 0, gdim=3)
-        return mesh, tags
-    from dolfinx.io import gmsh
 
-    data = gmsh.model_to_mesh(model, comm, 0, gdim=3)
-    return data.mesh, data.facet_tags
+def tag_facets(mesh: dolfinx.mesh.Mesh, facets: np.ndarray, values: np.ndarray) -> dolfinx.mesh.MeshTags:
+    """Tags of the facets (k, 4) that rank 0 has, their corners as numbered in its points."""
+    local, tags = distribute_entity_data(mesh, 2, facets.astype(np.int64), values.astype(np.int32))
+    mesh.topology.create_connectivity(2, 3)
+    return dolfinx.mesh.meshtags_from_entities(mesh, 2, dolfinx.graph.adjacencylist(local), tags.astype(np.int32))
 
 
 def geometry_nodes(mesh: dolfinx.mesh.Mesh) -> np.ndarray:

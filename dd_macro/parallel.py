@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -11,8 +12,8 @@ from mpi4py import MPI
 from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import threadpool_limits
 
-from tsg_micro.data.errors import InputError
-from tsg_micro.data.files import atomic_path
+from tsg_micro.data.errors import InputError, OutputError
+from tsg_micro.data.files import atomic_path, reserve
 
 __all__ = ["atomic_path_of_all", "check_everywhere", "in_turn", "one_thread", "together", "total"]
 
@@ -28,69 +29,75 @@ def total(comm: MPI.Comm, value: ArrayLike) -> NDArray[np.float64]:
     return summed
 
 
-def check_everywhere(comm: MPI.Comm, message: str | None) -> None:
-    """Raise InputError on every rank with the text of the first rank that has one.
+def check_everywhere(comm: MPI.Comm, problem: str | InputError | None) -> None:
+    """Raise InputError (OutputError, if it is one) on every rank with the text of the first rank that has one.
 
     Raises:
-        InputError: ``message`` is not None on some rank.
+        InputError: ``problem`` is not None on some rank.
     """
-    first = comm.allreduce(comm.size if message is None else comm.rank, op=MPI.MIN)
+    first = comm.allreduce(comm.size if problem is None else comm.rank, op=MPI.MIN)
     if first < comm.size:
-        raise InputError(comm.bcast(message, root=first))
+        kind, text = comm.bcast((OutputError if isinstance(problem, OutputError) else InputError, str(problem)), first)
+        raise kind(text)
 
 
 def in_turn(comm: MPI.Comm, action: Callable[[], None]) -> None:
     """Run ``action`` on one rank after another; where one fails, all raise.
 
     Raises:
-        InputError: the action failed on some rank; the text is that rank's.
+        InputError: the action failed on some rank; the text is that rank's. OutputError where the disk failed.
     """
     for turn in range(comm.size):
-        message = None
+        problem: InputError | None = None
         if comm.rank == turn:
             try:
                 action()
             except Exception as error:  # any failure must reach the ranks that wait for their turn
-                message = f"rank {turn}: {type(error).__name__}: {error}"
-        message = comm.bcast(message, root=turn)
-        if message is not None:
-            raise InputError(f"output: {message}")
+                kind = OutputError if isinstance(error, OSError) else InputError
+                problem = kind(f"output: rank {turn}: {type(error).__name__}: {error}")
+        check_everywhere(comm, problem)
 
 
 @contextlib.contextmanager
-def atomic_path_of_all(comm: MPI.Comm, path: str | Path) -> Iterator[Path]:
+def atomic_path_of_all(
+    comm: MPI.Comm, path: str | Path, *, size: int = 0, finish: Callable[[Path], None] = lambda temporary: None
+) -> Iterator[Path]:
     """One temporary path for all ranks, renamed to ``path`` by rank 0 when the block ends well on all of them.
 
-    The block must fail on all ranks or on none (see :func:`in_turn`).
+    The block must fail on all ranks or on none (see :func:`in_turn`). There must be room for ``size`` bytes before it;
+    rank 0 does ``finish`` with the temporary file after it.
 
     Raises:
         InputError: the folder does not exist or cannot be written.
+        OutputError: the disk is full or fails.
     """
-    stack = contextlib.ExitStack()
-    name, message = None, None
+    stack, name = contextlib.ExitStack(), None
     if comm.rank == 0:
-        try:
-            name = str(stack.enter_context(atomic_path(path)))
-        except InputError as error:
-            message = str(error)
-    check_everywhere(comm, message)
+        name = together(comm, lambda: str(stack.enter_context(_with_room(path, size, finish))))
+    else:
+        together(comm, lambda: None)
     with contextlib.ExitStack() as on_failure:
         on_failure.push(stack)
         yield Path(comm.bcast(name))
         on_failure.pop_all()
-    try:
-        stack.close()  # rank 0 renames
-    except OSError as error:
-        message = f"output {path}: cannot be written ({error.strerror})"
-    check_everywhere(comm, message)
+    together(comm, stack.close)  # rank 0 renames
+
+
+@contextlib.contextmanager
+def _with_room(path: str | Path, size: int, finish: Callable[[Path], None]) -> Iterator[Path]:
+    with atomic_path(path) as temporary:
+        reserve(temporary, size)
+        os.truncate(temporary, 0)
+        yield temporary
+        finish(temporary)
 
 
 def together[T](comm: MPI.Comm, action: Callable[[], T]) -> T:
     """What ``action`` returns on each rank; bad input that only some ranks see is raised on all of them."""
-    message = None
+    problem = None
     try:
         result = action()
     except InputError as error:
-        message = str(error)
-    check_everywhere(comm, message)
+        problem = error
+    check_everywhere(comm, problem)
     return result

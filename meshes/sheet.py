@@ -149,6 +149,8 @@ def _name_and_write(
             model.mesh.setNode(tag, point, [])
     with atomic_path(path) as temporary:
         gmsh.write(str(temporary))
+        if not temporary.read_bytes().endswith(b"$EndElements\n"):  # gmsh does not tell of a full disk
+            raise OSError("gmsh could not write all of it")
 
 
 def _check(elements: Elements, size: Size) -> None:

@@ -25,6 +25,7 @@ from dd_macro.methods.solution import Solution
 from dd_macro.parallel import atomic_path_of_all, in_turn
 from dd_macro.scene.spaces import StrainOperator
 from tsg_micro.data.errors import InputError
+from tsg_micro.data.hdf5 import open_hdf5, read_array, seal, text
 from tsg_micro.data.mandel import pressure, von_mises
 
 __all__ = ["VTK_CORNERS", "QuadratureFields", "read_quadrature", "write_quadrature"]
@@ -35,6 +36,7 @@ FORMAT, SCHEMA = "tsgdd-quadrature", 1
 VTK_CORNERS = np.array([0, 1, 3, 2, 4, 5, 7, 6])
 """DOLFINx's tensor-product corners of a hexahedron in the order of VTK."""
 
+_OVERHEAD = 2**16  # bytes that HDF5 adds to the arrays, generously
 _WINDOW = 16_384  # cells read and written at once, which bounds the memory of a rank
 
 UNITS = {
@@ -53,6 +55,9 @@ UNITS = {
     "local_distance": "J^(1/2)/m^(3/2)",
     "datum": "1",
 }
+_VECTORS = ("mechanical_strain", "mechanical_stress", "material_strain", "material_stress")
+_SHAPES: dict[str, tuple[int, ...]] = dict.fromkeys(UNITS, ()) | dict.fromkeys(_VECTORS, (6,))
+_SHAPES |= {"corners": (8, 3), "midpoint": (3,), "coordinates": (3,)}
 
 
 @dataclass(frozen=True)
@@ -88,7 +93,7 @@ def write_quadrature(path: str | Path, operator: StrainOperator, result: Solutio
     A result in finite strain is written as dd_macro.in_space shows it, with the stress ``stress_measure``.
 
     Raises:
-        InputError: the folder cannot be written, or a rank fails to write its part; on all ranks.
+        InputError: the folder cannot be written, the disk is full, or a rank fails to write its part; on all ranks.
     """
     fields = _fields(operator, in_space(result, stress_measure))
     domain = operator.domain
@@ -115,7 +120,8 @@ def write_quadrature(path: str | Path, operator: StrainOperator, result: Solutio
                     window[rows[first:last] - begin] = values[order[first:last]]
                     file[name][begin:end] = window
 
-    with atomic_path_of_all(domain.comm, path) as temporary:
+    size = domain.comm.allreduce(sum(values.nbytes for values in fields.values()))
+    with atomic_path_of_all(domain.comm, path, size=size + _OVERHEAD, finish=seal) as temporary:
         in_turn(domain.comm, write_part)
 
 
@@ -123,25 +129,26 @@ def read_quadrature(path: str | Path) -> QuadratureFields:
     """Read what :func:`write_quadrature` wrote.
 
     Raises:
-        InputError: no such file, not HDF5, or of another format or schema.
+        InputError: no such file, not HDF5, locked, damaged, or of another format or schema.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(f"quadrature file {path}: no such file")
-    try:
-        file = h5py.File(path, "r")
-    except OSError:
-        raise InputError(f"quadrature file {path}: expected an HDF5 file, but it cannot be read as one") from None
-    with file:
-        found = (file.attrs.get("format"), file.attrs.get("schema"))
+    with open_hdf5(path, "quadrature file", list(UNITS)) as file:
+        found = tuple(text(file.attrs.get(name)) for name in ("format", "schema"))
         if found != (FORMAT, SCHEMA):
-            raise InputError(f"quadrature file {path}: expected {FORMAT}, schema {SCHEMA}, got {found[0]}, {found[1]}")
+            raise InputError(f"expected {FORMAT}, schema {SCHEMA}, got {found[0]}, {found[1]}")
         missing = [name for name in UNITS if name not in file]
         if missing:
-            raise InputError(f"quadrature file {path}: expected the array {missing[0]}, it is missing")
+            raise InputError(f"expected the array {missing[0]}, it is missing")
+        arrays = {name: read_array(file, name, unit) for name, unit in UNITS.items()}
+        cells, points = arrays["weight"].shape[:2]
+        for name, array in arrays.items():
+            expected = (cells, *_SHAPES[name]) if name in ("corners", "midpoint") else (cells, points, *_SHAPES[name])
+            if array.shape != expected:
+                raise InputError(f"{name}: expected shape {expected}, got {array.shape}")
+            if not np.isfinite(array).all():
+                raise InputError(f"{name}: expected finite numbers, got NaN or infinity")
         return QuadratureFields(
-            **{name: file[name][()] for name in UNITS},
-            stress_measure=str(file.attrs["stress_measure"]),
+            **arrays,
+            stress_measure=str(text(file.attrs["stress_measure"])),
             normalised_distance=float(file.attrs["normalised_distance"]),
         )
 

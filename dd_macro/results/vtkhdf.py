@@ -106,5 +106,6 @@ def write_cells(path: str | Path, result: Solution) -> None:
             for name, values in fields.items():
                 put(root.require_group("CellData"), name, values, before[1], all_of_them[1])
 
-    with atomic_path_of_all(comm, path) as temporary:
+    size = comm.allreduce(sum(values.nbytes for values in (points, u, *fields.values())) + 8 * 10 * cells)
+    with atomic_path_of_all(comm, path, size=size + 2**17) as temporary:
         in_turn(comm, write_part)

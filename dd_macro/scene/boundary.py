@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import dolfinx
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 from dd_macro.parallel import check_everywhere, total
@@ -77,11 +78,7 @@ def prescribed_displacement(
         check_everywhere(operator.comm, message)
         fixed[np.ix_(nodes, components)] = True
         values[np.ix_(nodes, components)] = given
-    rank = np.linalg.matrix_rank(_rigid_gram(operator, x, fixed), tol=1e-9)
-    if rank < 6:
-        raise InputError(
-            f"boundary conditions: expected no rigid-body motion left free, got {6 - rank} of 6; fix more components"
-        )
+    _check_held(operator, x, fixed)
     return fixed.reshape(-1), values.reshape(-1)
 
 
@@ -92,12 +89,49 @@ def rigid_modes(x: Array) -> Array:
     return np.concatenate([translations, rotations])
 
 
-def _rigid_gram(operator: StrainOperator, x: Array, fixed: NDArray[np.bool_]) -> Array:
-    """Gram matrix (6, 6) of the rigid-body motions seen by the prescribed components, in coordinates of size 1."""
-    comm = operator.comm
-    count = max(comm.allreduce(len(x)), 1)
-    centre = total(comm, x.sum(axis=0)) / count
-    size = np.sqrt(total(comm, ((x - centre) ** 2).sum()) / count)
-    modes = rigid_modes((x - centre) / size) * fixed[: len(x)]
-    gram = total(comm, np.einsum("inc,jnc->ij", modes, modes))
-    return gram / max(np.trace(gram), 1.0)
+def _check_held(operator: StrainOperator, x: Array, fixed: NDArray[np.bool_]) -> None:
+    """Raise InputError, on all ranks, where a connected part of the body is free to move as if rigid."""
+    part, cells = _parts(operator)
+    free = 6 - np.linalg.matrix_rank(_rigid_gram(operator, x, fixed, part, len(cells)), tol=1e-9, hermitian=True)
+    if len(cells) > 1 and (free == 6).any():
+        loose = np.sort(cells[free == 6])
+        parts = ", ".join(f"a part of {n} cell{'s' * int(n > 1)}" for n in loose[:5])
+        raise InputError(
+            f"mesh: expected every connected part to be held, {parts} is not ({len(loose)} of {len(cells)})"
+        )
+    if free.any():
+        raise InputError(
+            f"boundary conditions: expected no rigid-body motion left free, got {free.max()} of 6; fix more components"
+        )
+
+
+def _parts(operator: StrainOperator) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Connected part of each owned node, and how many cells each part has on all ranks."""
+    domain, owned = operator.domain, operator.owned_nodes
+    part = np.zeros(owned, dtype=np.int64)
+    if domain.parts is None:
+        return part, np.array([domain.global_cells])
+    count = domain.comm.allreduce(int(domain.parts.max(initial=0)), op=MPI.MAX) + 1
+    nodes = operator.displacements.dofmap.list
+    inside = nodes < owned
+    part[nodes[inside]] = np.broadcast_to(domain.parts[: len(nodes), None], nodes.shape)[inside]
+    cells = np.bincount(domain.parts[: domain.owned_cells], minlength=count)
+    return part, total(domain.comm, cells).astype(np.int64)
+
+
+def _rigid_gram(
+    operator: StrainOperator, x: Array, fixed: NDArray[np.bool_], part: NDArray[np.int64], parts: int
+) -> Array:
+    """Gram matrices (parts, 6, 6) of each part's rigid motions as its prescribed components see them, of size 1."""
+
+    def by_part(values: Array) -> Array:
+        summed = np.zeros((parts, *values.shape[1:]))
+        np.add.at(summed, part, values)
+        return total(operator.comm, summed)
+
+    count = np.maximum(by_part(np.ones(len(x))), 1.0)
+    away = x - (by_part(x) / count[:, None])[part]
+    away /= np.sqrt(by_part((away**2).sum(axis=1)) / count)[part, None]
+    modes = rigid_modes(away) * fixed[: len(x)]
+    gram = by_part(np.einsum("inc,jnc->nij", modes, modes))
+    return np.asarray(gram / np.maximum(np.trace(gram, axis1=1, axis2=2), 1.0)[:, None, None])

@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import basix
 import dolfinx
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
 from dd_macro import compat
-from dd_macro.parallel import check_everywhere
+from dd_macro.parallel import check_everywhere, total
+from dd_macro.scene.hexahedra import Hexahedra, hexahedra
+from dd_macro.scene.msh import read_msh_file
 from tsg_micro.data.errors import InputError
 
-__all__ = ["SIDES", "TaggedMesh", "box", "read_msh"]
+__all__ = ["SIDES", "UNITS", "TaggedMesh", "box", "read_msh"]
 
 SIDES = ("left", "right", "bottom", "top", "back", "front")
 """Sides of a box: left and right are normal to x, bottom and top to y, back and front to z."""
 
-_GMSH_SOLIDS = {4: "tetrahedra", 5: "hexahedra", 6: "prisms", 7: "pyramids", 11: "second-order tetrahedra"}
+UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
+"""Units of a mesh file's coordinates, in m."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,12 @@ class TaggedMesh:
     mesh: dolfinx.mesh.Mesh
     facet_tags: dolfinx.mesh.MeshTags
     names: dict[str, int]
+    shared: dict[str, tuple[int, ...]] = field(default_factory=dict)
+    """Further tags of a side: of facets that are on other sides too."""
+    regions: dict[str, NDArray[np.int32]] = field(default_factory=dict)
+    """Local cells of the named volumes, which may overlap."""
+    parts: NDArray[np.int64] | None = None
+    """Number of the connected part that each local cell is of; None where there is one."""
 
     @property
     def comm(self) -> MPI.Comm:
@@ -55,7 +63,24 @@ class TaggedMesh:
         """
         if name not in self.names:
             raise InputError(f"side of the mesh: expected one of {', '.join(sorted(self.names))}, got {name!r}")
-        return self.facet_tags.find(self.names[name])
+        tags = (self.names[name], *self.shared.get(name, ()))
+        return np.sort(np.concatenate([self.facet_tags.find(tag) for tag in tags]))
+
+    def extent(self, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Least, largest and mean coordinates (3,) in m of the side's corners; collective.
+
+        Raises:
+            InputError: there is no such side, or no facet on it.
+        """
+        facets = self.facets(name)
+        facets = facets[facets < self.mesh.topology.index_map(2).size_local]
+        x = self.mesh.geometry.x[dolfinx.mesh.entities_to_geometry(self.mesh, 2, facets).reshape(-1)]
+        ends = np.stack([-x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)])
+        self.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+        count, *mean = total(self.comm, [len(x), *x.sum(axis=0)])
+        if count == 0:
+            raise InputError(f"side of the mesh: expected facets on {name!r}, got none")
+        return -ends[0], ends[1], np.array(mean) / count
 
 
 def box(comm: MPI.Comm, *, elements: tuple[int, int, int], size: tuple[float, float, float]) -> TaggedMesh:
@@ -87,33 +112,68 @@ def box(comm: MPI.Comm, *, elements: tuple[int, int, int], size: tuple[float, fl
     return _tagged(mesh, np.concatenate(facets), np.concatenate(values), {name: i + 1 for i, name in enumerate(SIDES)})
 
 
-def read_msh(path: str | Path, comm: MPI.Comm) -> TaggedMesh:
-    """Read a gmsh file of 8-node hexahedra, coordinates in m, sides as named physical surfaces.
+def read_msh(
+    path: str | Path,
+    comm: MPI.Comm,
+    *,
+    unit: str = "m",
+    size: tuple[float, float] | None = None,
+    merge_nodes: bool = False,
+) -> TaggedMesh:
+    """Read a gmsh file (MSH 2.2 or 4.1) of 8-node hexahedra, sides as named physical surfaces.
 
     Rank 0 reads, and what is wrong with the file is raised on all ranks.
 
+    Args:
+        path: of the file; nothing in it is run.
+        comm: of the mesh.
+        unit: of the coordinates, one of UNITS.
+        size: least and largest extent in m that the body may have, to notice another unit; any if None.
+        merge_nodes: join nodes at one place; without, bodies that touch but share no node are refused.
+
     Raises:
-        InputError: no such file, gmsh missing, not readable, other cells than hexahedra, no named surface,
-            or degenerate cells.
+        InputError: as read_msh_file and hexahedra, an unknown unit, or a body of another size.
     """
-    model, message = None, None
-    names: dict[str, int] = {}
-    try:
-        if comm.rank == 0:
-            try:
-                model, names = _open_gmsh(Path(path))
-            except InputError as error:
-                message = str(error)
-        check_everywhere(comm, message)
-        names = comm.bcast(names)
-        mesh, tags = compat.gmsh_to_mesh(model, comm)
-    finally:
-        if comm.rank == 0:
-            _close_gmsh()
-    _check_cells(mesh, str(path))
-    if tags is None:
-        raise InputError(f"mesh {path}: expected named physical surfaces (its sides), got none with facets")
-    return TaggedMesh(mesh, tags, names)
+    if unit not in UNITS:
+        raise InputError(f"unit of the mesh: expected one of {', '.join(UNITS)}, got {unit!r}")
+    body, message = None, None
+    if comm.rank == 0:
+        try:
+            body = hexahedra(read_msh_file(path), unit=UNITS[unit], merge_nodes=merge_nodes)
+            _check_size(body.points, size, unit)
+        except InputError as error:
+            message = str(error) if str(error).startswith("mesh ") else f"mesh {path}: {error}"
+    check_everywhere(comm, message)
+    nothing = np.zeros((0, 8), dtype=np.int64)
+    mesh = compat.hexahedral_mesh(comm, np.zeros((0, 3)) if body is None else body.points, _of(body, "cells", nothing))
+    facets, values = _of(body, "facets", nothing[:, :4]), _of(body, "facet_tags", nothing[:, 0])
+    tags = compat.tag_facets(mesh, facets, values)
+    sides, regions, parts = comm.bcast(None if body is None else (body.sides, body.regions, body.parts))
+    cells = np.asarray(mesh.topology.original_cell_index)
+    return TaggedMesh(
+        mesh,
+        tags,
+        {name: own[0] for name, own in sides.items()},
+        shared={name: own[1:] for name, own in sides.items() if len(own) > 1},
+        regions={name: np.flatnonzero(np.isin(cells, inside)).astype(np.int32) for name, inside in regions.items()},
+        parts=parts[cells] if parts.any() else None,
+    )
+
+
+def _of(body: Hexahedra | None, name: str, nothing: NDArray[np.int64]) -> NDArray[Any]:
+    """The array of the body that rank 0 has."""
+    return nothing if body is None else getattr(body, name)
+
+
+def _check_size(points: NDArray[np.float64], size: tuple[float, float] | None, unit: str) -> None:
+    extent = float(np.ptp(points, axis=0).max())
+    if size is None or size[0] * (1 - 1e-6) <= extent <= size[1]:
+        return
+    fitting = [name for name, factor in UNITS.items() if size[0] <= extent / UNITS[unit] * factor <= size[1]]
+    raise InputError(
+        f"expected a body between {size[0]:.3g} and {size[1]:.3g} m across, got {extent:.3g} m, its coordinates taken "
+        f"in {unit}; say their unit (--mesh-unit {' or '.join(fitting) or 'UNIT'})"
+    )
 
 
 def _tagged(
@@ -122,63 +182,3 @@ def _tagged(
     order = np.argsort(facets)
     tags = dolfinx.mesh.meshtags(mesh, 2, facets[order], values[order])
     return TaggedMesh(mesh, tags, names)
-
-
-def _open_gmsh(path: Path) -> tuple[Any, dict[str, int]]:
-    """The gmsh model of ``path`` and its named surfaces; checked so that reading on cannot fail on rank 0 alone."""
-    if not path.is_file():
-        raise InputError(f"mesh {path}: no such file")
-    try:
-        import gmsh
-    except (ImportError, OSError) as error:
-        raise InputError(f"mesh {path}: reading it needs the Python package gmsh ({error})") from None
-    if not gmsh.isInitialized():
-        gmsh.initialize([], readConfigFiles=False, interruptible=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.clear()
-    try:
-        gmsh.merge(str(path))
-    except Exception as error:  # gmsh raises bare Exception
-        raise InputError(f"mesh {path}: gmsh cannot read it ({error})") from None
-    model = gmsh.model
-    kinds = set(model.mesh.getElementTypes(3))
-    if kinds != {5}:
-        found = (
-            ", ".join(sorted(_GMSH_SOLIDS.get(k, f"gmsh type {k}") for k in kinds))
-            or "no solid cells (a file with named surfaces holds only solids that are in a physical volume)"
-        )
-        raise InputError(f"mesh {path}: expected 8-node hexahedra only, got {found}")
-    names = {model.getPhysicalName(2, tag): int(tag) for dim, tag in model.getPhysicalGroups(2)}
-    names.pop("", None)
-    if not names:
-        raise InputError(f"mesh {path}: expected named physical surfaces (its sides), got none")
-    for name, tag in names.items():
-        if not any(len(model.mesh.getElements(2, e)[0]) for e in model.getEntitiesForPhysicalGroup(2, tag)):
-            raise InputError(f"mesh {path}: expected facets on the side {name!r}, got none")
-    if not model.getPhysicalGroups(3):
-        model.addPhysicalGroup(3, [tag for _, tag in model.getEntities(3)])
-    return model, names
-
-
-def _close_gmsh() -> None:
-    try:
-        import gmsh
-    except (ImportError, OSError):
-        return
-    if gmsh.isInitialized():
-        gmsh.finalize()
-
-
-def _check_cells(mesh: dolfinx.mesh.Mesh, name: str) -> None:
-    """Raise on all ranks where a cell is flat or turned inside out: its Jacobian must keep one sign at all corners."""
-    corners = basix.geometry(basix.CellType.hexahedron)
-    element = basix.create_element(basix.ElementFamily.P, basix.CellType.hexahedron, 1)
-    gradients = element.tabulate(1, corners)[1:, :, :, 0]  # (3, corner, node)
-    x = mesh.geometry.x[compat.geometry_nodes(mesh)]
-    jacobian = np.linalg.det(np.einsum("kqn,cni->cqik", gradients, x))
-    extent = np.ptp(x, axis=1).max(axis=1, initial=0.0) ** 3
-    good = np.abs(jacobian.sum(axis=1)) / 8 > 1e-9 * extent
-    good &= (jacobian * np.sign(jacobian.sum(axis=1))[:, None] > 1e-12 * extent[:, None]).all(axis=1)
-    bad = mesh.comm.allreduce(int((~good).sum()))
-    if bad:
-        raise InputError(f"mesh {name}: expected cells of positive volume, got {bad} degenerate or folded cells")

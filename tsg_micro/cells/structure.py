@@ -117,31 +117,71 @@ def from_arrays(
     EA: NDArray[np.float64],
     rest_length: NDArray[np.float64],
 ) -> Structure:
-    """A structure that is no lattice, from its arrays (shapes as in :class:`Structure`).
+    """A structure that is no lattice, from its arrays (shapes as in :class:`Structure`); whole doubles are integers.
 
     Raises:
-        InputError: shapes do not fit, a member has no length or names no node, or a value is not positive.
+        InputError: shapes do not fit, a value is no number or not positive, a kind is none of 0, 1, 2, a member has no
+            length, names no node or comes twice, or a node has no member.
     """
-    nodes, members = np.asarray(nodes, dtype=float), np.asarray(members)
-    m = len(members)
-    if nodes.ndim != 2 or nodes.shape[1] != 3 or not np.isfinite(nodes).all():
+    nodes = _numbers("nodes", nodes, "finite coordinates")
+    EA, rest_length = _numbers("EA", EA, "positive numbers"), _numbers("rest_length", rest_length, "positive numbers")
+    members, kinds = _whole("members", members), _whole("kind", kind)
+    m = len(members) if members.ndim else 0
+    if nodes.ndim != 2 or nodes.shape[1] != 3:
         raise InputError(f"nodes: expected finite coordinates of shape (n, 3), got shape {nodes.shape}")
     if members.shape != (m, 2) or m == 0 or members.min() < 0 or members.max() >= len(nodes):
-        raise InputError(f"members: expected pairs of node numbers below {len(nodes)}, shape (m, 2)")
-    for name, array in (("kind", kind), ("EA", EA), ("rest_length", rest_length)):
-        if np.shape(array) != (m,):
-            raise InputError(f"{name}: expected shape ({m},), got {np.shape(array)}")
+        found = f"{members.min()} to {members.max()}" if members.size else "none"
+        raise InputError(
+            f"members: expected pairs of node numbers below {len(nodes)}, from 0 on, shape (m, 2), got {found} in "
+            f"shape {members.shape}"
+        )
+    for name, array in (("kind", kinds), ("EA", EA), ("rest_length", rest_length)):
+        if array.shape != (m,):
+            raise InputError(f"{name}: expected shape ({m},), got {array.shape}")
     for name, array in (("EA", EA), ("rest_length", rest_length)):
-        if not (np.isfinite(array).all() and (np.asarray(array) > 0.0).all()):
-            raise InputError(f"{name}: expected positive numbers, got a minimum of {np.min(array)}")
-    if (np.linalg.norm(nodes[members[:, 1]] - nodes[members[:, 0]], axis=1) == 0.0).any():
-        raise InputError("members: expected two distinct ends, got a member of length 0")
+        if not (array > 0.0).all():
+            raise InputError(f"{name}: expected positive numbers, got a minimum of {array.min()}")
+    unknown = kinds[~np.isin(kinds, (0, 1, BAR))]
+    if unknown.size:
+        raise InputError(f"kind: expected 0 or 1 (tendons) or {BAR} (bar), got {unknown[0]}")
+    flat = np.flatnonzero(np.linalg.norm(nodes[members[:, 1]] - nodes[members[:, 0]], axis=1) == 0.0)
+    if flat.size:
+        raise InputError(f"members: expected two distinct ends, got a member of length 0 (member {flat[0]})")
+    pairs, first, count = np.unique(np.sort(members, axis=1), axis=0, return_index=True, return_counts=True)
+    if (count > 1).any():
+        i, j = pairs[count > 1][0]
+        raise InputError(f"members: expected each once, got {i}-{j} {count.max()} times (member {first[count > 1][0]})")
+    alone = np.setdiff1d(np.arange(len(nodes)), members)
+    if alone.size:
+        raise InputError(f"nodes: expected a member at every node, got none at {', '.join(map(str, alone[:5]))}")
     return Structure(
         nodes=nodes,
-        members=members.astype(np.int64),
-        kind=np.asarray(kind, dtype=np.uint8),
-        EA=np.asarray(EA, dtype=float),
-        rest_length=np.asarray(rest_length, dtype=float),
+        members=members,
+        kind=kinds.astype(np.uint8),
+        EA=EA,
+        rest_length=rest_length,
         shift=np.zeros((m, 3), dtype=np.int64),
         size=np.ptp(nodes, axis=0),
     )
+
+
+def _numbers(name: str, values: object, expected: str) -> NDArray[np.float64]:
+    """``values`` as finite doubles; InputError names what else they are."""
+    try:
+        array = np.asarray(values)
+    except ValueError:  # rows of different lengths
+        raise InputError(f"{name}: expected {expected}, got rows of different lengths") from None
+    if array.dtype.kind not in "iufb":
+        raise InputError(f"{name}: expected {expected}, got {array.ravel()[:1].tolist()}")
+    if not np.isfinite(array).all():
+        raise InputError(f"{name}: expected {expected}, got NaN or infinity")
+    return array.astype(float)
+
+
+def _whole(name: str, values: object) -> NDArray[np.int64]:
+    """``values`` as integers, which other programs have as doubles; InputError names one that is not whole."""
+    array = _numbers(name, values, "whole numbers")
+    bad = array[(array != np.floor(array)) | (np.abs(array) > 2**53)]
+    if bad.size:
+        raise InputError(f"{name}: expected whole numbers, got {bad[0]}")
+    return array.astype(np.int64)

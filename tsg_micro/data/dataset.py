@@ -26,7 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsg_micro.data.errors import InputError
-from tsg_micro.data.files import atomic_path
+from tsg_micro.data.files import locked
+from tsg_micro.data.hdf5 import open_hdf5, read_array, text, write_hdf5
 from tsg_micro.data.mandel import COMPONENTS
 from tsg_micro.data.stress import check_measure, convert_stress, convert_tangent
 
@@ -172,8 +173,9 @@ def zero_components(strain: Array, stress: Array) -> tuple[str, ...]:
 
 
 def write_dataset(path: str | Path, dataset: Dataset) -> None:
-    """Write ``dataset`` to the HDF5 file ``path``, whole or not at all."""
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+    """Write ``dataset`` to the HDF5 file ``path``, whole or not at all, with a digest of its content."""
+
+    def fill(file: h5py.File) -> None:
         file.attrs["format"] = FORMAT
         file.attrs["schema"] = SCHEMA
         file.attrs["stress_measure"] = dataset.stress_measure
@@ -186,59 +188,51 @@ def write_dataset(path: str | Path, dataset: Dataset) -> None:
         for name, array in dataset.arrays().items():
             file.create_dataset(name, data=array).attrs["unit"] = UNITS[name]
 
+    write_hdf5(path, fill)
+
 
 def read_dataset(path: str | Path) -> Dataset:
     """Read and validate a data set.
 
     Raises:
-        InputError: the file is missing, not HDF5, of another format or schema, in other units, or incomplete.
+        InputError: the file is missing, not HDF5, locked, damaged, of another format or schema, in other units, or
+            incomplete.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(f"data set {path}: no such file")
-    try:
-        file = h5py.File(path, "r")
-    except OSError:
-        raise InputError(f"data set {path}: expected an HDF5 file, but it cannot be read as one") from None
-    with file:
-        try:
-            return _parse(file)
-        except InputError as error:
-            raise InputError(f"data set {path}: {error}") from None
-        except (KeyError, OSError, TypeError, ValueError) as error:  # ours by its format, but damaged inside
-            raise InputError(f"data set {path}: damaged ({' '.join(str(error).split())})") from None
+    with open_hdf5(path, "data set", list(UNITS)) as file:
+        return _parse(file)
 
 
 def _parse(file: h5py.File) -> Dataset:
     """The data set in an open file; any error of h5py, NumPy or JSON means that it is damaged."""
-    found = file.attrs.get("format")
-    if str(found) != FORMAT:
-        raise InputError(f"expected the HDF5 attribute format={FORMAT!r}, got {found!r}")
-    if file.attrs.get("schema") != SCHEMA:
-        raise InputError(f"expected schema {SCHEMA}, got {file.attrs.get('schema')}")
+    attributes = {name: text(value) for name, value in file.attrs.items()}
+    if attributes.get("format") != FORMAT:
+        raise InputError(f"expected the HDF5 attribute format={FORMAT!r}, got {attributes.get('format')!r}")
+    if attributes.get("schema") != SCHEMA:
+        raise InputError(f"expected schema {SCHEMA}, got {attributes.get('schema')}")
     missing = [name for name in _REQUIRED if name not in file]
     if missing:
         raise InputError(f"expected the arrays {', '.join(_REQUIRED)}, {missing[0]} is missing")
-    arrays = {}
-    for name in UNITS:
-        if name not in file:
-            continue
-        stored = file[name]
-        if not (isinstance(stored, h5py.Dataset) and stored.ndim > 0 and np.issubdtype(stored.dtype, np.number)):
-            raise InputError(f"{name}: expected an array of numbers, got {stored!r}")
-        unit = stored.attrs.get("unit")
-        if unit != UNITS[name]:
-            raise InputError(f"{name}: expected the unit {UNITS[name]!r}, got {unit!r}")
-        arrays[name] = stored[()]
-    seed = file.attrs.get("seed")
+    arrays = {name: read_array(file, name, unit) for name, unit in UNITS.items() if name in file}
+    for name in ("path", "step"):
+        arrays[name] = _counts(name, arrays[name])
+    seed = attributes.get("seed")
     return Dataset(
         **arrays,
-        stress_measure=str(file.attrs.get("stress_measure")),
-        parameters=json.loads(file.attrs.get("parameters", "{}")),
-        versions=json.loads(file.attrs.get("versions", "{}")),
-        silent=tuple(json.loads(file.attrs.get("silent", "[]"))),
+        stress_measure=str(attributes.get("stress_measure")),
+        parameters=json.loads(attributes.get("parameters", "{}")),
+        versions=json.loads(attributes.get("versions", "{}")),
+        silent=tuple(json.loads(attributes.get("silent", "[]"))),
         seed=None if seed is None else int(seed),
     )
+
+
+def _counts(name: str, values: NDArray[Any]) -> NDArray[np.int64]:
+    """Whole numbers, which other programs store as floating-point ones."""
+    if values.dtype.kind in "iu":
+        return values
+    if values.dtype.kind != "f" or not (np.abs(values) < 2**53).all() or (values != np.floor(values)).any():
+        raise InputError(f"{name}: expected whole numbers, got {values.dtype} with others")
+    return values.astype(np.int64)
 
 
 def take(dataset: Dataset, index: NDArray[Any]) -> Dataset:
@@ -270,10 +264,14 @@ def join_datasets(first: Dataset, second: Dataset) -> Dataset:
 
 
 def append_dataset(path: str | Path, dataset: Dataset) -> Dataset:
-    """Add ``dataset`` to the file ``path``, or make it, and return all it holds now; it changes whole or not at all."""
+    """Add ``dataset`` to the file ``path``, or make it, and return all it holds now; it changes whole or not at all.
+
+    Processes that append to one file take turns (tsg_micro.data.files.locked).
+    """
     path = Path(path)
-    stored = join_datasets(read_dataset(path), dataset) if path.exists() else dataset
-    write_dataset(path, stored)
+    with locked(path):
+        stored = join_datasets(read_dataset(path), dataset) if path.exists() else dataset
+        write_dataset(path, stored)
     return stored
 
 

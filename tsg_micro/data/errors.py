@@ -1,14 +1,18 @@
-"""The two kinds of failure that a user meets: bad input, and a solver that did not converge."""
+"""The kinds of failure that a user meets: bad input, a full disk, and a solver that did not converge."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-__all__ = ["ConvergenceError", "InputError"]
+__all__ = ["ConvergenceError", "InputError", "OutputError"]
 
 
 class InputError(ValueError):
     """An argument or a file is not what is needed: the text names it, what was expected and what came."""
+
+
+class OutputError(InputError, OSError):
+    """A file could not be written, as the disk is full or fails; what was there before is there still."""
 
 
 class ConvergenceError(RuntimeError):

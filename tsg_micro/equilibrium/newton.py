@@ -7,12 +7,11 @@ complement, and the inertia of the whole is that of K plus that of the complemen
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from tsg_micro.data.errors import ConvergenceError, InputError
+from tsg_micro.data.errors import ConvergenceError
+from tsg_micro.equilibrium.iteration import Converged, Iteration, NewtonOptions
 from tsg_micro.equilibrium.linear_solvers import Choice, SymmetricSolver, choose_backend, make_solver
 from tsg_micro.equilibrium.members import MACRO, MemberState, MemberSystem, NodalPattern
 from tsg_micro.equilibrium.tangent import Border, Tangent, lowest_ritz
@@ -21,55 +20,11 @@ __all__ = ["Converged", "Iteration", "NewtonOptions", "NewtonSolver"]
 
 Array = NDArray[np.float64]
 _MOST_MODES, _LANCZOS_STEPS = 12, 60
-
-
-@dataclass(frozen=True)
-class NewtonOptions:
-    """When an equilibrium is good enough, and how far one iteration may go."""
-
-    tolerance: float = 1e-10
-    """Largest out-of-balance force over the mean member force."""
-    max_iterations: int = 100
-    """Few are needed but on the way out of an unstable equilibrium, down a narrow valley of the energy."""
-    max_elongation: float = 0.02
-    """Largest change of a member's length in one iteration, over its length."""
-    smallest_part: float = 1.0 / 256.0
-    """Of a load step, below which the equilibrium counts as lost."""
-    linear_solver: str = "auto"
-
-    def __post_init__(self) -> None:
-        for name in ("tolerance", "max_elongation", "max_iterations", "smallest_part"):
-            if not getattr(self, name) > 0:
-                raise InputError(f"{name}: expected a positive number, got {getattr(self, name)}")
-
-
-@dataclass(frozen=True)
-class Iteration:
-    """One Newton iteration; ``load`` is the fraction of the load step that it belongs to."""
-
-    load: float
-    residual: float
-    """Largest out-of-balance force over the mean member force, before the iteration."""
-    step_length: float
-    shift: float
-    """Multiple of the unit matrix added to K, N/m."""
-    negative_pivots: int
-    """Of K before any shift."""
-    energy: float
-
-
-@dataclass(frozen=True)
-class Converged:
-    """An equilibrium: the point, its members, and the price."""
-
-    y: Array
-    state: MemberState
-    gradient: Array
-    multipliers: Array
-    residual: float
-    iterations: int
-    tangent: Tangent | None
-    """The factorised tangent at y, where it was asked for."""
+_ROUNDINGS = 4.0
+_SENSELESS = 1e-3
+"""Of the mean member force; an equilibrium that is known no better is none."""
+_PATIENCE = 25
+"""Iterates within round-off before the best of them is taken; most often one is within the tolerance by then."""
 
 
 class NewtonSolver:
@@ -141,6 +96,17 @@ class NewtonSolver:
         relative = largest / scale if scale > 0.0 else float(largest > 0.0)
         return float(max(relative, self.options.tolerance * np.abs(drift).max(initial=0.0) / (1e-12 * length)))
 
+    def _round_off(self, y: Array, state: MemberState) -> float:
+        """Residual that rounding of positions alone makes, in mean member forces; 0 where that says nothing any more.
+
+        A member's force EA (l - l0) / l0 is off by eps EA, times what its nodes have moved over its length.
+        """
+        moved = 1.0 + np.abs(y[: self.system.nodal_size]).max() / state.length
+        scale = np.abs(state.force).mean()
+        largest = float((self.system.structure.EA * moved).max())
+        part = _ROUNDINGS * np.finfo(float).eps * largest / scale if scale > 0.0 else 1.0
+        return part if part < _SENSELESS else 0.0
+
     def solve(
         self, y: Array, force: Array, *, load: float, history: list[Iteration], stable: bool = False
     ) -> Converged:
@@ -150,6 +116,9 @@ class NewtonSolver:
         ``stable`` that holds for equilibria too: one whose tangent has negative pivots is left, unless the motion is
         neutral, that is, changes no energy.
 
+        Stiff members under little force have residuals above the tolerance by round-off alone: there the best of
+        ``_PATIENCE`` iterates within round-off is the equilibrium, and its residual says so.
+
         Raises:
             ConvergenceError: not within ``max_iterations``, or a step that could not be shortened enough.
         """
@@ -158,16 +127,26 @@ class NewtonSolver:
         multipliers = np.zeros(len(self.border.constraint))
         state = system.state(y)
         gradient = system.gradient(state)
+        best, within = None, 0
         for iteration in range(self.options.max_iterations + 1):
             nodal, rest = self._residual(y, gradient, force, multipliers)
             if len(multipliers):  # those that balance the present forces best
                 multipliers = np.linalg.lstsq(self._lever, np.concatenate([nodal, rest]), rcond=None)[0] + multipliers
                 nodal, rest = self._residual(y, gradient, force, multipliers)
-            pull = np.append(force, np.zeros(MACRO)) - self.border.constraint.T @ multipliers
             residual = self._measure(nodal, rest, state)
             if not np.isfinite(residual):
                 raise ConvergenceError("equilibrium: the residual is not finite", history)
-            if residual <= self.options.tolerance:
+            settled = residual <= self.options.tolerance
+            if not settled and residual <= self._round_off(y, state):
+                within += 1
+                if best is None or residual < best.residual:
+                    best = Converged(y, state, gradient, multipliers, residual, iteration, None)
+                settled = within > _PATIENCE or iteration == self.options.max_iterations
+                if settled:
+                    y, state, gradient, multipliers = best.y, best.state, best.gradient, best.multipliers
+                    residual = best.residual
+            pull = np.append(force, np.zeros(MACRO)) - self.border.constraint.T @ multipliers
+            if settled:
                 tangent = self.tangent(state) if stable else None
                 modes = self._unstable_modes(tangent) if tangent else []
                 left = self._leave_saddle(y, modes, pull)
@@ -175,16 +154,19 @@ class NewtonSolver:
                     return Converged(y, state, gradient, multipliers, residual, iteration, tangent)
                 assert tangent is not None
                 history.append(Iteration(load, residual, 0.0, 0.0, tangent.negative_pivots, system.energy(state)))
-                y = left
+                y, best, within = left, None, 0
             elif iteration < self.options.max_iterations:
                 step, slope, modes, record = self._descent(state, gradient - pull, (nodal, rest))
-                if slope >= 0.0:
+                if slope < 0.0:
+                    length = self._line_search(y, step, pull, state, slope)
+                    history.append(Iteration(load, residual, length, *record, system.energy(state)))
+                    y = self._leave_saddle(y + length * step, modes, pull)
+                elif best is None:
                     raise ConvergenceError(
                         f"equilibrium: no descent at a residual of {residual:.2e} mean member forces", history
                     )
-                length = self._line_search(y, step, pull, state, slope)
-                history.append(Iteration(load, residual, length, *record, system.energy(state)))
-                y = self._leave_saddle(y + length * step, modes, pull)
+                else:  # the energy does not tell the iterates apart any more
+                    y, within = best.y, _PATIENCE
             state = system.state(y)
             gradient = system.gradient(state)
         raise ConvergenceError(

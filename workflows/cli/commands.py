@@ -25,6 +25,8 @@ from workflows.runs.options import (
     KinematicsName,
     Load,
     Measure,
+    MergeNodes,
+    MeshUnit,
     Out,
     OutFile,
     OutOrDefault,
@@ -150,7 +152,9 @@ def solve(
     out: Out,
     data: Annotated[Path | None, typer.Option(help="Material data, HDF5; none are needed with --adapt.")] = None,
     elements: Annotated[tuple[int, int, int] | None, typer.Option(help="Elements along x, y, z; a block each.")] = None,
-    mesh: Annotated[Path | None, typer.Option(help="Hexahedral gmsh mesh in m, sides named bottom and top.")] = None,
+    mesh: Annotated[Path | None, typer.Option(help="Hexahedral gmsh mesh, sides named bottom and top.")] = None,
+    mesh_unit: MeshUnit = "m",
+    merge_nodes: MergeNodes = False,
     load: Annotated[Load, typer.Option(help="How the top side moves.")] = Load.stretch,
     strain: Strain = 0.05,
     metric: Annotated[
@@ -195,7 +199,11 @@ def solve(
     summary = run(
         out,
         data=data,
-        scene=Scene(load.value, strain, elements, mesh, kinematics.value, clamp.value, degree, flat, element),
+        scene=Scene(
+            *(load.value, strain, elements, mesh, kinematics.value, clamp.value, degree, flat, element),
+            mesh_unit=mesh_unit,
+            merge_nodes=merge_nodes,
+        ),
         metric=metric,
         order=order,
         stress_measure=None if stress_measure is None else stress_measure.value,
@@ -296,7 +304,7 @@ def _fail(error: Exception) -> None:
     usage = getattr(error, "format_message", None)  # a wrong option; typer carries its own copy of click or not
     if usage is not None:
         leave(f"tsgdd: {' '.join(usage().split())} (tsgdd --help lists the commands)", 2)
-    if isinstance(error, InputError):
+    if isinstance(error, InputError) and not isinstance(error, OSError):
         leave(f"tsgdd: {one_line}", 2)
     if isinstance(error, ConvergenceError) or type(error).__name__ == "KernelError":
         leave(f"tsgdd: {one_line}", 1)

@@ -17,6 +17,8 @@ from workflows.runs.options import (
     Kinematics,
     KinematicsName,
     Load,
+    MergeNodes,
+    MeshUnit,
     Out,
     Plots,
     Strain,
@@ -30,7 +32,9 @@ __all__ = ["fe2"]
 def fe2(
     out: Out,
     elements: Annotated[tuple[int, int, int] | None, typer.Option(help="Elements along x, y, z; a block each.")] = None,
-    mesh: Annotated[Path | None, typer.Option(help="Hexahedral gmsh mesh in m, sides named bottom and top.")] = None,
+    mesh: Annotated[Path | None, typer.Option(help="Hexahedral gmsh mesh, sides named bottom and top.")] = None,
+    mesh_unit: MeshUnit = "m",
+    merge_nodes: MergeNodes = False,
     load: Annotated[Load, typer.Option(help="How the top side moves.")] = Load.stretch,
     strain: Strain = 0.05,
     bar_force: BarForce = 1e-8,
@@ -51,7 +55,11 @@ def fe2(
 
     summary = run(
         out,
-        scene=Scene(load.value, strain, elements, mesh, kinematics.value, clamp.value, degree, flat, element),
+        scene=Scene(
+            *(load.value, strain, elements, mesh, kinematics.value, clamp.value, degree, flat, element),
+            mesh_unit=mesh_unit,
+            merge_nodes=merge_nodes,
+        ),
         tissue=Tissue(bar_force=bar_force),
         steps=steps,
         options=dd_macro.ReferenceOptions(tolerance=tolerance),

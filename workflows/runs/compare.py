@@ -9,10 +9,11 @@ import numpy as np
 
 from dd_macro.results.compare import BlockStress, ErrorMap, compare_blocks, error_map, interior_blocks, match_blocks
 from dd_macro.results.quadrature_file import QuadratureFields, read_quadrature
+from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from tsg_micro.data.mandel import pressure, von_mises
 from workflows.runs.tensegrity import SCENE, check_same_scene, read_blocks
-from workflows.store.record import read_summary, write_summary
+from workflows.store.record import number, read_summary, write_summary
 
 __all__ = ["compare"]
 
@@ -34,7 +35,9 @@ def compare(out: Path, *, dd: Path, dns: Path, plots: bool = True) -> dict[str, 
     solved, reference = read_summary(dd, *_METHODS), read_summary(dns, "dns")
     check_same_scene(solved["parameters"], dns, str(dd))
     fields = read_quadrature(dd / "quadrature.h5")
-    measure = solved["stress_measure"]
+    if fields.normalised_distance != number(solved, "normalised_distance"):
+        raise InputError(f"{dd}: expected the files of one run, got summary.json and quadrature.h5 of different ones")
+    measure = str(solved["stress_measure"])
     blocks = read_blocks(dns, measure)
     assert blocks.midpoint is not None
     tensegrity = BlockStress(blocks.midpoint, blocks.stress, measure)
@@ -61,9 +64,9 @@ def compare(out: Path, *, dd: Path, dns: Path, plots: bool = True) -> dict[str, 
             },
             "stress_measure": (measure, ""),
             "normalised_distance": (solved["normalised_distance"], "1"),
-            "dns_buckled": (reference.get("deflection", 0.0) > _BUCKLED, ""),
-            "dd_seconds": (solved["seconds"], "s"),
-            "dns_seconds": (reference["seconds"], "s"),
+            "dns_buckled": ("deflection" in reference and number(reference, "deflection") > _BUCKLED, ""),
+            "dd_seconds": (number(solved, "seconds"), "s"),
+            "dns_seconds": (number(reference, "seconds"), "s"),
         },
     )
     if plots:

@@ -21,7 +21,7 @@ from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from workflows.runs.scene import Scene
-from workflows.store.record import peak_memory, write_summary
+from workflows.store.record import drop_summary, peak_memory, write_summary
 
 __all__ = ["MEASURE", "fe2"]
 
@@ -64,6 +64,7 @@ def fe2(
     solution = method.prepare(problem, dd.Material(law=law)).solve(watch=dd.Watch(say))
     done = time.perf_counter()
 
+    drop_summary(out, comm)
     dd.write_solution(out, solution, stress_measure=MEASURE)
     figures = {
         **solution.figures(),

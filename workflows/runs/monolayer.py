@@ -23,7 +23,8 @@ from tsg_micro.bodies.sheet_means import CellStrain, cell_strain, histogram_edge
 from tsg_micro.cells.structure import Structure
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.data.errors import InputError
-from tsg_micro.data.files import atomic_path, output_folder
+from tsg_micro.data.files import output_folder
+from tsg_micro.data.hdf5 import write_hdf5
 from tsg_micro.equilibrium.load_path import Equilibrium
 from workflows.runs.loads import check_load
 from workflows.store.record import peak_memory, write_summary
@@ -193,7 +194,8 @@ def _figures(result: Stretch, cells: CellStrain, modulus: float) -> dict[str, tu
 
 def _write_cells(path: Path, cells: CellStrain) -> None:
     """Midpoint, displacement and infinitesimal strain of every cell."""
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+
+    def fill(file: h5py.File) -> None:
         for name, values, unit in (
             ("midpoint", cells.midpoint, "m"),
             ("displacement", cells.displacement, "m"),
@@ -201,3 +203,5 @@ def _write_cells(path: Path, cells: CellStrain) -> None:
         ):
             file.create_dataset(name, data=values).attrs["unit"] = unit
         file["strain"].attrs["measure"] = "infinitesimal, sym(H) (c, 3, 3)"
+
+    write_hdf5(path, fill)

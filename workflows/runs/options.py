@@ -35,6 +35,8 @@ __all__ = [
     "KinematicsName",
     "Load",
     "Measure",
+    "MergeNodes",
+    "MeshUnit",
     "Out",
     "OutFile",
     "OutOrDefault",
@@ -113,6 +115,8 @@ Element = Annotated[
     typer.Option(help="Of degree 1: trilinear, stiff in bending, or enhanced; trilinear if not given."),
 ]
 Flat = Annotated[bool, typer.Option("--flat/--free", help="Hold the back side in its plane: the sheet cannot buckle.")]
+MeshUnit = Annotated[str, typer.Option(help="Unit of the mesh's coordinates: m, mm, um or nm.")]
+MergeNodes = Annotated[bool, typer.Option("--merge-nodes", help="Join nodes of the mesh that are at one place.")]
 Plots = Annotated[bool, typer.Option("--plots/--no-plots", help="Draw the figures and write the ParaView file.")]
 
 

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, field
 from multiprocessing import get_context, parent_process
 from pathlib import Path
@@ -24,10 +24,10 @@ from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.continuum.sampling import BOXES, PathData, StrainBox, join_paths, sample_paths
 from tsg_micro.data.dataset import append_dataset, convert_dataset, read_dataset, write_dataset
 from tsg_micro.data.errors import InputError
-from tsg_micro.data.files import output_file
+from tsg_micro.data.files import locked, output_file
 from tsg_micro.data.stress import check_measure
 from workflows.runs.ranks import world
-from workflows.store.record import read_summary, versions, write_summary
+from workflows.store.record import read_summary, summary_path, versions, write_summary
 
 __all__ = ["sample"]
 
@@ -129,31 +129,33 @@ def sample(
     made = {**plan.parameters(), **plan.spec.parameters()}
     dataset = convert_dataset(join_paths(done, seed=seed, parameters=made, versions=versions()), stress_measure)
     failures = sorted(data.failure for data in done if data.failure)
-    stored = dataset
     before: float | None = 0.0
-    if append:
-        before = _seconds_before(out)
-        stored = append_dataset(out, dataset)
-    else:
-        write_dataset(out, stored)
-    summary = write_summary(
-        out,
-        command="sample",
-        parameters={**plan.parameters(), "stress_measure": stress_measure, "append": append},
-        figures={
-            "points": (len(dataset), ""),
-            "points_in_file": (len(stored), ""),
-            "paths": (paths, ""),
-            "failed_paths": (len(failures), ""),
-            "failures": (failures[:5], ""),
-            "silent": (stored.silent, ""),
-            "negative_pivots": (max(data.negative_pivots for data in done), ""),
-            "processes": (size if comm is not None else processes, ""),
-            "seconds": (seconds, "s"),
-            "seconds_in_file": (None if before is None else before + seconds, "s"),
-            "seconds_per_point": (seconds / len(dataset), "s"),
-        },
-    )
+    with locked(out) if append else nullcontext():
+        if append and out.exists():
+            _check_append(out, plan, stress_measure)  # another process may have added to it meanwhile
+            before = _seconds_before(out)
+        summary_path(out).unlink(missing_ok=True)
+        stored = append_dataset(out, dataset) if append else dataset
+        if not append:
+            write_dataset(out, stored)
+        summary = write_summary(
+            out,
+            command="sample",
+            parameters={**plan.parameters(), "stress_measure": stress_measure, "append": append},
+            figures={
+                "points": (len(dataset), ""),
+                "points_in_file": (len(stored), ""),
+                "paths": (paths, ""),
+                "failed_paths": (len(failures), ""),
+                "failures": (failures[:5], ""),
+                "silent": (stored.silent, ""),
+                "negative_pivots": (max(data.negative_pivots for data in done), ""),
+                "processes": (size if comm is not None else processes, ""),
+                "seconds": (seconds, "s"),
+                "seconds_in_file": (None if before is None else before + seconds, "s"),
+                "seconds_per_point": (seconds / len(dataset), "s"),
+            },
+        )
     if plots:
         from tsg_micro.data.figure_style import save_figure
         from tsg_micro.figures.data import plot_dataset
@@ -165,9 +167,7 @@ def sample(
 
 
 def _seconds_before(out: Path) -> float | None:
-    """Time that the data in the file took, 0 for no file; None where its summary is not there or does not say."""
-    if not out.exists():
-        return 0.0
+    """Time that the data in the file took; None where its summary is not there or does not say."""
     try:
         return read_summary(out, "sample").get("seconds_in_file")
     except InputError:
@@ -175,11 +175,16 @@ def _seconds_before(out: Path) -> float | None:
 
 
 def _check_append(out: Path, plan: Plan, stress_measure: str) -> None:
-    """Raise InputError where the file holds another stress measure, or the very points that would be added."""
+    """Raise InputError where the file holds another stress measure or bar force, or the very points to be added."""
     there = read_dataset(out)
     if there.stress_measure != stress_measure:
         raise InputError(f"out {out}: expected a data set of {stress_measure} stress to append to")
     for source in there.sources:
+        there_force = source.get("bar_force", plan.spec.tissue.bar_force)
+        if there_force != plan.spec.tissue.bar_force:
+            raise InputError(
+                f"bar_force: expected that of the data in {out}, {there_force:g} N, got {plan.spec.tissue.bar_force:g}"
+            )
         drawn = source.get("load"), source.get("seed")
         if drawn == (plan.load, plan.seed) and RVESpec.from_parameters(source) == plan.spec:
             raise InputError(f"seed: expected another than that of the data in {out}, got {plan.seed} again")

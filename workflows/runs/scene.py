@@ -20,6 +20,8 @@ from workflows.runs.loads import LOADS, check_load, check_reach
 __all__ = ["CLAMPS", "ELEMENTS", "KINEMATICS", "Scene", "read_material", "tissue_of"]
 
 KINEMATICS = tuple(dd.THEORIES)
+MOST_BLOCKS = 1e5
+"""Across a body; one of more, or of less than one, is most often in another unit."""
 CLAMPS = ("full", "inplane")
 ELEMENTS = ("trilinear", "enhanced")
 """Of degree 1: the first one is the default."""
@@ -33,7 +35,8 @@ class Scene:
     (``clamp`` "full"), or in the plane of the sheet alone ("inplane"), where their thickness is free: the hold on the
     thickness fades over a third of a block, which elements of a block cannot follow. ``degree`` of the elements;
     those of degree 1 are an ``element`` of ELEMENTS, its default if None. A ``flat`` sheet has its back side held in
-    its plane, so that it cannot buckle.
+    its plane, so that it cannot buckle. ``mesh_unit`` is that of the coordinates of the file; ``merge_nodes`` joins nodes
+    at one place.
     """
 
     load: str
@@ -45,6 +48,8 @@ class Scene:
     degree: int = 1
     flat: bool = False
     element: str | None = None
+    mesh_unit: str = "m"
+    merge_nodes: bool = False
 
     def __post_init__(self) -> None:
         check_load(self.load, self.strain)
@@ -60,10 +65,11 @@ class Scene:
 
     def build(self, comm: MPI.Comm, tissue: Tissue | None = None) -> dd.TaggedMesh:
         """The mesh, distributed over ``comm``; an element is a block of ``tissue``, the default one if None."""
-        if self.mesh is not None:
-            return dd.read_msh(self.mesh, comm)
-        assert self.elements is not None
         block = (tissue or Tissue()).block
+        if self.mesh is not None:
+            size = (block, MOST_BLOCKS * block)
+            return dd.read_msh(self.mesh, comm, unit=self.mesh_unit, size=size, merge_nodes=self.merge_nodes)
+        assert self.elements is not None
         return dd.box(comm, elements=self.elements, size=tuple(block * n for n in self.elements))  # type: ignore[arg-type]
 
     def problem(self, comm: MPI.Comm, tissue: Tissue | None = None) -> dd.Problem:
@@ -81,9 +87,13 @@ class Scene:
         """Bottom side held, top side moved by the strain times the height of the mesh; collective.
 
         Raises:
-            InputError: a flat sheet without a side called back.
+            InputError: a flat sheet without a side called back, or bottom and top of a mesh are not where they should
+                be for this load.
         """
         bottom, top = _extent(domain, 1)
+        if self.mesh is not None:
+            for side in ("bottom", "top"):
+                _check_place(domain, side, bottom, top)
         moved = LOADS[self.load].top_displacement(self.strain, top - bottom)
         if self.flat and "back" not in domain.names:
             raise InputError(f"flat: expected a side named back in the mesh, got {', '.join(sorted(domain.names))}")
@@ -110,6 +120,22 @@ def _lower_edges(domain: dd.TaggedMesh) -> list[dd.Displacement]:
         return np.asarray(x[:, 2] < back + 1e-6 * (front - back))
 
     return [dd.Displacement(side, (0.0,), (2,), where=lower) for side in ("bottom", "top")]
+
+
+def _check_place(domain: dd.TaggedMesh, side: str, low: float, high: float) -> None:
+    """Raise InputError where a side is not across y at its end of the body from ``low`` to ``high``; collective.
+
+    Its facets must lie, in the mean, in the outer quarter of the body, and rise along y less than a third of their
+    width.
+    """
+    least, most, middle = domain.extent(side)
+    width, mean = most - least, (middle[1] - low) / (high - low)
+    if (mean if side == "bottom" else 1.0 - mean) > 0.25 or 3.0 * width[1] > max(width[0], width[2]):
+        raise InputError(
+            f"mesh: expected the side called {side} across y, at the {'least' if side == 'bottom' else 'largest'} y of "
+            f"the body, where a stretch or shear needs it; got it at {mean:.0%} of the height, {width[0]:.3g} x "
+            f"{width[1]:.3g} x {width[2]:.3g} m: turn the mesh, or name its sides anew"
+        )
 
 
 def _extent(domain: dd.TaggedMesh, axis: int) -> tuple[float, float]:

@@ -20,7 +20,7 @@ from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from workflows.runs.adaptation import rve_of, source_for
 from workflows.runs.scene import Scene, read_material, tissue_of
-from workflows.store.record import peak_memory, write_summary
+from workflows.store.record import drop_summary, peak_memory, write_summary
 
 __all__ = ["solve"]
 
@@ -148,6 +148,7 @@ def solve(
     solution, seconds = _solution(asked, out, say)
     assert solution.dataset is not None
     measure = dd.THEORIES[scene.kinematics].shown(solution.dataset, stress_measure)
+    drop_summary(out, MPI.COMM_WORLD)
     dd.write_solution(out, solution, stress_measure=measure)
     figures = solution.figures() | {"top_force": (scene.top_force(solution), "N"), "stress_measure": (measure, "")}
     figures |= {"peak_memory": (peak_memory(), "B"), **{name: (value, "s") for name, value in seconds.items()}}
@@ -168,6 +169,7 @@ def _solution(asked: _Asked, out: Path, say: Callable[[str], None]) -> tuple[dd.
     together(comm, lambda: output_folder(out) if comm.rank == 0 else None)
 
     def keep(found: Dataset) -> None:
+        drop_summary(out, comm)
         together(comm, lambda: write_dataset(out / "data.h5", found) if comm.rank == 0 else None)
 
     begin = time.perf_counter()

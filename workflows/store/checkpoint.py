@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsg_micro.data.errors import InputError
-from tsg_micro.data.files import atomic_path
+from tsg_micro.data.hdf5 import open_hdf5, write_hdf5
 from workflows.store.record import versions
 
 __all__ = [
@@ -83,13 +83,16 @@ def _checksum(displacement: Array, rows: NDArray[np.void]) -> str:
 def write_checkpoint(path: Path, checkpoint: Checkpoint, run: str) -> None:
     """Write ``checkpoint`` of the run with fingerprint ``run``, over the one before."""
     rows = np.array(list(checkpoint.done), dtype=_ROW)
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+
+    def fill(file: h5py.File) -> None:
         file.attrs["fingerprint"] = run
         file.attrs["steps_done"] = len(rows)
         file.attrs["checksum"] = _checksum(checkpoint.displacement, rows)
         file["displacement"] = checkpoint.displacement
         file["displacement"].attrs["unit"] = "m"
         file["steps"] = rows
+
+    write_hdf5(path, fill)
 
 
 def read_checkpoint(path: Path, run: str, shape: tuple[int, ...]) -> Checkpoint:
@@ -99,7 +102,7 @@ def read_checkpoint(path: Path, run: str, shape: tuple[int, ...]) -> Checkpoint:
         InputError: it is another run's, or damaged.
     """
     try:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path, "checkpoint", ("displacement",)) as file:
             found, expected = str(file.attrs["fingerprint"]), str(file.attrs["checksum"])
             displacement, rows = file["displacement"][()], file["steps"][()]
             sound = displacement.shape == shape and rows.dtype == _ROW and _checksum(displacement, rows) == expected

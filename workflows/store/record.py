@@ -6,6 +6,7 @@ import contextlib
 import csv
 import importlib.metadata
 import json
+import math
 import os
 import platform
 import resource
@@ -20,7 +21,9 @@ from tsg_micro.data.files import atomic_path
 
 __all__ = [
     "available_memory",
+    "drop_summary",
     "machine",
+    "number",
     "peak_memory",
     "read_summary",
     "summary_path",
@@ -75,6 +78,28 @@ def summary_path(out: Path) -> Path:
     return out / "summary.json" if out.is_dir() else out.with_name(f"{out.stem}.summary.json")
 
 
+def drop_summary(out: Path, comm: Any = None) -> None:
+    """Remove the summary of output ``out`` before its files are written anew, so that none stands beside other files.
+
+    Every rank of ``comm`` comes back after the first has done so.
+    """
+    if comm is None or comm.rank == 0:
+        summary_path(out).unlink(missing_ok=True)
+    if comm is not None:
+        comm.Barrier()
+
+
+class _Summary(dict[str, Any]):
+    """A summary as it was read, in which a name that is missing is an error of the input."""
+
+    def __init__(self, values: Mapping[str, Any], path: Path) -> None:
+        super().__init__(values)
+        self.path = path
+
+    def __missing__(self, name: str) -> Any:
+        raise InputError(f"{self.path}: damaged (expected {name!r}, it is missing)")
+
+
 def write_summary(
     out: Path, *, command: str, parameters: Mapping[str, Any], figures: Mapping[str, tuple[Any, str]]
 ) -> dict[str, Any]:
@@ -122,9 +147,22 @@ def read_summary(folder: Path, *commands: str) -> dict[str, Any]:
         summary = json.loads(path.read_text())
     except OSError:
         raise InputError(f"{folder}: {expected}, it has no {path.name}") from None
-    except ValueError:  # not JSON, or not even text
+    except (ValueError, RecursionError):  # not JSON, or not even text
         raise InputError(f"{path}: expected JSON, it cannot be read as such") from None
     ours = isinstance(summary, dict) and summary.get("command") in commands
     if not ours or not isinstance(summary.get("parameters"), dict):
         raise InputError(f"{folder}: {expected}, its {path.name} is another's")
-    return summary
+    summary["parameters"] = _Summary(summary["parameters"], path)
+    return _Summary(summary, path)
+
+
+def number(summary: Mapping[str, Any], name: str) -> float:
+    """The figure ``name`` of a summary that was read.
+
+    Raises:
+        InputError: it is missing, or no finite number.
+    """
+    value = summary[name]
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError(f"summary.json: damaged (expected a number for {name}, got {value!r})")
+    return value

@@ -9,22 +9,26 @@ from __future__ import annotations
 
 import dataclasses
 import time
+import zipfile
+import zlib
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import qr
 
 from tsg_micro.cells.structure import from_arrays
 from tsg_micro.cells.unit_cell import BAR, EDGE_TENDON
-from tsg_micro.data.errors import InputError
+from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.files import output_folder
 from tsg_micro.equilibrium.load_path import EquilibriumSolver
 from tsg_micro.equilibrium.members import MACRO, MemberSystem
 from workflows.store.record import write_summary
 
-__all__ = ["PINNED", "Replay", "bench_tsgfem"]
+__all__ = ["PINNED", "Agreement", "Replay", "bench_tsgfem"]
 
 Array = NDArray[np.float64]
 
@@ -32,14 +36,31 @@ Array = NDArray[np.float64]
 PINNED = {"dbar_s1_slack0": (7,)}
 
 
+@dataclass(frozen=True)
+class Agreement:
+    """How two solutions of a case differ in their worst load step."""
+
+    position: float
+    """Largest difference of positions over the size."""
+    force: float
+    """Largest difference of member forces over the step's largest."""
+    energy: float
+    """Difference of stored energy, relative."""
+    sorted_force: float
+    """As ``force``, of the forces in rising order: blind to which member of a symmetric structure has which."""
+
+    @property
+    def mirrored(self) -> bool:
+        """They are images of each other on the two branches of a symmetric bifurcation: same energy, same forces."""
+        return self.force > 1e-4 and self.sorted_force < 1e-6 and self.energy < 1e-6
+
+
 class Replay:
     """One case of TsgFEM, and our solution of the same load steps."""
 
     def __init__(self, path: Path, *, pinned: tuple[int, ...] = ()) -> None:
-        """``pinned`` degrees of freedom follow TsgFEM's positions."""
-        with np.load(path) as data:
-            self.data = {key: data[key] for key in data.files}
-        data = self.data
+        """``pinned`` degrees of freedom follow TsgFEM's positions; of a body free in space, six that hold it."""
+        self.data = data = _read_case(path)
         kind = np.full(len(data["members"]), EDGE_TENDON, dtype=np.uint8)
         kind[data["bars"]] = BAR
         self.structure = from_arrays(
@@ -48,8 +69,10 @@ class Replay:
         self.slack = int(data["slack_model"]) == 1
         self.fixed = np.zeros(data["nodes"].size, dtype=bool)
         self.fixed[data["fixed_dof"]] = True
-        self.pinned = list(pinned)
-        self.fixed[self.pinned] = True
+        self.fixed[list(pinned)] = True
+        free = [] if self.fixed.any() else _rigid_holds(data["nodes"])
+        self.pinned = [*pinned, *free]
+        self.fixed[free] = True
         self.size = float(np.ptp(data["nodes"], axis=0).max())
         self.steps = len(data["pos_steps"])
 
@@ -86,6 +109,50 @@ class Replay:
         largest = np.abs(self.data["force_steps"]).max(axis=1)
         return away, np.abs(forces - self.data["force_steps"]).max(axis=1) / largest
 
+    def agreement(self, positions: Array, forces: Array) -> Agreement:
+        """What positions (K, n, 3) and member forces (K, m) have in common with TsgFEM's, on whichever branch."""
+        theirs = self.data["force_steps"]
+        largest = np.abs(theirs).max(axis=1, keepdims=True)
+        in_order = np.abs(np.sort(forces, axis=1) - np.sort(theirs, axis=1)) / largest
+        per_force = self.data["l0_steps"] / self.structure.EA
+        ours, other = ((per_force * f**2).sum(axis=1) for f in (forces, theirs))
+        away, force = (float(values.max()) for values in self.errors(positions, forces))
+        return Agreement(away, force, float((np.abs(ours - other) / other).max()), float(in_order.max()))
+
+
+def _rigid_holds(nodes: Array) -> list[int]:
+    """Six degrees of freedom that hold the rigid motions of a body, and do so best."""
+    x = nodes - nodes.mean(axis=0)
+    turns = np.cross(np.eye(3)[:, None], x[None] / np.abs(x).max()).reshape(3, -1)
+    return [int(i) for i in qr(np.vstack([np.tile(np.eye(3), len(x)), turns]), pivoting=True, mode="r")[1][:6]]
+
+
+def _read_case(path: Path) -> dict[str, NDArray[Any]]:
+    """The arrays of a case, by name.
+
+    Raises:
+        InputError: the file cannot be read, or an array is missing or of another shape.
+    """
+    try:
+        with np.load(path) as stored:
+            data = {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, EOFError, LookupError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
+        raise InputError(f"case {path}: expected results of TsgFEM (NPZ), they cannot be read ({error})") from None
+    steps, nodes, members = (len(data.get(name, ())) for name in ("pos_steps", "nodes", "members"))
+    shapes: dict[str, tuple[int, ...]] = {"nodes": (nodes, 3), "members": (members, 2), "pos_steps": (steps, nodes, 3)}
+    shapes |= dict.fromkeys(("E", "A", "l0"), (members,)) | dict.fromkeys(("force_steps", "l0_steps"), (steps, members))
+    shapes |= {"load_steps": (steps, 3 * nodes), "prescribed_disp_steps": (steps, len(data.get("fixed_dof", ())))}
+    shapes |= dict.fromkeys(("bars", "fixed_dof", "slack_model", "wall_s"), (-1,))
+    for name, shape in shapes.items():
+        if name not in data or (shape != (-1,) and data[name].shape != shape) or not steps:
+            found = data[name].shape if name in data else "none"
+            raise InputError(f"case {path}: expected the array {name}, of shape {shape}, got {found}")
+    for name, most in (("bars", members), ("fixed_dof", 3 * nodes)):
+        data[name] = data[name].astype(np.int64)  # none of them is an empty array of doubles
+        if data[name].size and (data[name].min() < 0 or data[name].max() >= most):
+            raise InputError(f"case {path}: expected {name} from 0 to {most - 1}, got others")
+    return data
+
 
 def bench_tsgfem(out: Path, *, cases: Path, say: Callable[[str], None] = lambda text: None) -> dict[str, Any]:
     """Replay every case in the folder ``cases``; agreement by step, and our time a step beside TsgFEM's.
@@ -98,31 +165,58 @@ def bench_tsgfem(out: Path, *, cases: Path, say: Callable[[str], None] = lambda 
         raise InputError(f"cases: expected a folder of TsgFEM results (NPZ), got {cases} with none")
     out = output_folder(out)
     rows: dict[str, dict[str, Any]] = {}
+    failed: dict[str, str] = {}
     curves = {}
+    first: Exception | None = None
     for path in paths:
-        replay = Replay(path, pinned=PINNED.get(path.stem, ()))
-        begin = time.perf_counter()
-        solved = replay.run()
-        ours = (time.perf_counter() - begin) / replay.steps
-        theirs = float(np.median(replay.data["wall_s"])) / replay.steps
-        direct, corrected = replay.errors(*solved), replay.errors(*replay.run(corrected=True))
-        curves[path.stem] = (direct, corrected)
-        rows[path.stem] = {
-            "steps": replay.steps,
-            "position_error": direct[0].max(),
-            "force_error": direct[1].max(),
-            "position_error_with_their_residual": corrected[0].max(),
-            "force_error_with_their_residual": corrected[1].max(),
-            "seconds_per_step": ours,
-            "tsgfem_seconds_per_step": theirs,
-        }
-        say(
-            f"{path.stem}: positions {direct[0].max():.1e}, forces {direct[1].max():.1e} (with TsgFEM's residual as a "
-            f"load {corrected[0].max():.1e}, {corrected[1].max():.1e}); {1e3 * ours:.2f} ms a step, "
-            f"TsgFEM {1e3 * theirs:.0f} ms"
-        )
+        try:
+            rows[path.stem], curves[path.stem] = _replay(path)
+        except (InputError, ConvergenceError) as error:  # costs this case alone
+            failed[path.stem], first = str(error), first or error
+            say(f"{path.stem}: failed: {error}")
+        else:
+            say(f"{path.stem}: {_in_words(rows[path.stem])}")
+    if first is not None and not rows:
+        raise first
     _draw(out, curves)
-    return write_summary(out, command="bench tsgfem", parameters={"cases": cases}, figures={"replayed": (rows, "1, s")})
+    figures = {"replayed": (rows, "1, s"), "failed": (failed, "")}
+    return write_summary(out, command="bench tsgfem", parameters={"cases": cases}, figures=figures)
+
+
+def _replay(path: Path) -> tuple[dict[str, Any], tuple[tuple[Array, Array], tuple[Array, Array]]]:
+    """Figures of one case, and its differences by step, without and with TsgFEM's residual as a load."""
+    replay = Replay(path, pinned=PINNED.get(path.stem, ()))
+    begin = time.perf_counter()
+    solved = replay.run()
+    ours = (time.perf_counter() - begin) / replay.steps
+    direct, agreement = replay.errors(*solved), replay.agreement(*solved)
+    corrected = replay.errors(*replay.run(corrected=True))
+    row = {
+        "steps": replay.steps,
+        "position_error": direct[0].max(),
+        "force_error": direct[1].max(),
+        "position_error_with_their_residual": corrected[0].max(),
+        "force_error_with_their_residual": corrected[1].max(),
+        "energy_error": agreement.energy,
+        "sorted_force_error": agreement.sorted_force,
+        "mirrored": agreement.mirrored,
+        "seconds_per_step": ours,
+        "tsgfem_seconds_per_step": float(np.median(replay.data["wall_s"])) / replay.steps,
+    }
+    return row, (direct, corrected)
+
+
+def _in_words(row: dict[str, Any]) -> str:
+    mirrored = (
+        f"the mirrored branch of a symmetric bifurcation, its energy {row['energy_error']:.1e} and its forces in "
+        f"rising order {row['sorted_force_error']:.1e} off; "
+    )
+    return (
+        f"{mirrored if row['mirrored'] else ''}positions {row['position_error']:.1e}, forces {row['force_error']:.1e} "
+        f"(with TsgFEM's residual as a load {row['position_error_with_their_residual']:.1e}, "
+        f"{row['force_error_with_their_residual']:.1e}); {1e3 * row['seconds_per_step']:.2f} ms a step, "
+        f"TsgFEM {1e3 * row['tsgfem_seconds_per_step']:.0f} ms"
+    )
 
 
 def _draw(out: Path, curves: dict[str, tuple[tuple[Array, Array], tuple[Array, Array]]]) -> None:

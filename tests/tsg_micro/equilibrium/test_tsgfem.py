@@ -7,12 +7,18 @@ positions are an exact equilibrium, so the two codes must then agree to round-of
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from workflows.studies.bench_tsgfem import PINNED, Replay
+from tsg_micro.cells.structure import from_arrays
+from tsg_micro.data.errors import InputError
+from tsg_micro.equilibrium.load_path import EquilibriumSolver
+from tsg_micro.equilibrium.rigid import rigid_border
+from workflows.studies.bench_tsgfem import PINNED, Replay, bench_tsgfem
 
 FOLDER = Path(__file__).parents[2] / "data" / "tsgfem"
 DBAR, HALF_TBAR, CELL = "dbar_s1_slack0", "halfTbar_s2_slack1", "toct_1x1x1_cell_force"
@@ -74,3 +80,91 @@ def test_free_rotation_of_the_d_bar():
         aligned = (mine @ [1.0, 1j]) * turn / abs(turn)
         assert np.abs(aligned - other @ [1.0, 1j]).max() < 1e-8 * case.size
     np.testing.assert_allclose(positions[..., 0], case.data["pos_steps"][..., 0], atol=1e-8 * case.size)
+
+
+def write_case(path, structure, positions, forces, fixed, loads):
+    """A case as TsgFEM's results are stored, from arrays of ours."""
+    m, steps = len(structure.members), len(positions)
+    np.savez(
+        path,
+        nodes=structure.nodes,
+        members=structure.members,
+        E=structure.EA,
+        A=np.ones(m),
+        l0=structure.rest_length,
+        bars=np.flatnonzero(structure.bars),
+        fixed_dof=np.flatnonzero(fixed).astype(float),  # an empty one is stored as doubles
+        prescribed_disp_steps=np.zeros((steps, int(fixed.sum()))),
+        load_steps=loads,
+        l0_steps=np.tile(structure.rest_length, (steps, 1)),
+        pos_steps=positions,
+        force_steps=forces,
+        slack_model=0,
+        wall_s=np.ones(3),
+    )
+
+
+def buckled_strut():
+    """Two bars in line along z, too long for their place; strings hold the hinge, softer in x than in y."""
+    nodes = np.array(
+        [[0.0, 0, 0], [0, 0, 0.99], [0, 0, 1.98], [-1, 0, 0.99], [1, 0, 0.99], [0, 1, 0.99], [0, -1, 0.99]]
+    )
+    members = np.array([[0, 1], [1, 2], [1, 3], [1, 4], [1, 5], [1, 6]])
+    EA, rest = np.array([1e3, 1e3, 1.0, 1.0, 3.0, 3.0]), np.array([1.0, 1.0, 0.9, 0.9, 0.9, 0.9])
+    structure = from_arrays(nodes, members, kind=np.array([2, 2, 1, 1, 1, 1]), EA=EA, rest_length=rest)
+    fixed = np.ones(nodes.shape, dtype=bool)
+    fixed[1] = False
+    nudge = np.zeros(nodes.shape)
+    nudge[1, 0] = 0.1
+    solver = EquilibriumSolver(structure, fixed=fixed)
+    solver.solve(force=nudge)
+    return structure, fixed, solver.solve(force=0 * nudge, stable=True)
+
+
+def test_the_mirrored_branch_of_a_bifurcation_is_told(tmp_path):
+    structure, fixed, result = buckled_strut()
+    assert result.displacement[1, 0] > 0.05  # leant to +x
+    push = np.zeros(fixed.shape)
+    positions, forces = (structure.nodes + result.displacement)[None], result.members.force[None]
+    write_case(tmp_path / "strut.npz", structure, positions, forces, fixed, push.reshape(1, -1))
+    case = Replay(tmp_path / "strut.npz")
+    same = case.agreement(positions, forces)
+    assert (same.position, same.force, same.mirrored) == (0.0, 0.0, False)
+    mirror = case.agreement(positions * [-1, 1, 1], forces[:, [0, 1, 3, 2, 4, 5]])
+    assert mirror.position > 0.05
+    assert mirror.force > 1e-3
+    assert mirror.sorted_force < 1e-12
+    assert mirror.energy < 1e-12
+    assert mirror.mirrored
+    assert not case.agreement(positions, 1.001 * forces).mirrored
+
+
+def test_a_body_free_in_space_and_one_that_fails(tmp_path):
+    """Six rigid motions are held where the other code has them; a case that cannot be read costs itself alone."""
+    cell = replay(CELL)
+    structure, steps = cell.structure, 3
+    pull = np.zeros((steps, *structure.nodes.shape))
+    outwards = structure.nodes - structure.nodes.mean(axis=0)
+    pull[:] = np.linspace(0, 1, steps)[:, None, None] * 2e-3 * outwards  # no resultant, no moment
+    fixed = np.zeros(structure.nodes.shape, dtype=bool)
+    solver = EquilibriumSolver(structure, fixed=fixed, border=rigid_border(structure))
+    results = [solver.solve(force=load) for load in pull]
+    turn = Rotation.from_euler("xyz", [0.1, -0.2, 0.3]).as_matrix()  # another code leaves it anywhere
+    positions = np.array([(structure.nodes + r.displacement) @ turn.T + [1, 2, 3] for r in results])
+    forces = np.array([r.members.force for r in results])
+    turned = dataclasses.replace(structure, nodes=positions[0])
+    (tmp_path / "bad.npz").write_bytes(b"PK\x03\x04")
+    loads = (pull @ turn.T).reshape(steps, -1)
+    write_case(tmp_path / "free.npz", turned, positions, forces, fixed, loads)
+    said: list[str] = []
+    summary = bench_tsgfem(tmp_path / "out", cases=tmp_path, say=said.append)
+    assert list(summary["failed"]) == ["bad"]
+    assert "expected results of TsgFEM" in summary["failed"]["bad"]
+    row = summary["replayed"]["free"]
+    assert row["position_error"] < 1e-9
+    assert row["force_error"] < 1e-9
+    assert len(Replay(tmp_path / "free.npz").pinned) == 6
+    assert [line.split(":")[0] for line in said] == ["bad", "free"]
+    (tmp_path / "free.npz").unlink()
+    with pytest.raises(InputError, match=r"bad\.npz: expected results of TsgFEM"):
+        bench_tsgfem(tmp_path / "out", cases=tmp_path)
