@@ -18,9 +18,10 @@ from dd_macro.methods.finite_projection import FiniteProjection, FiniteState, bi
 from dd_macro.methods.law_method import LawMethod
 from dd_macro.methods.method import Material, Method, Prepared, Watch
 from dd_macro.methods.metric_choice import METRICS, choose_metric, visited_tangent
-from dd_macro.methods.newton import NewtonIteration, ReferenceOptions, ReferenceResult, equilibrium, solve_law
+from dd_macro.methods.newton import equilibrium, solve_law
 from dd_macro.methods.points import DataDrivenResult, Iteration, SolverOptions, solve
 from dd_macro.methods.projection import MechanicalState, Projection
+from dd_macro.methods.reference import NewtonIteration, ReferenceOptions, ReferenceResult
 from dd_macro.methods.registry import METHODS
 from dd_macro.methods.second_order import SecondOrderOptions, SecondOrderResult, solve_second_order
 from dd_macro.methods.solution import Solution

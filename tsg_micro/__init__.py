@@ -22,6 +22,8 @@ from tsg_micro.cells.truncated_octahedron import unit_cell
 from tsg_micro.cells.unit_cell import UnitCell
 from tsg_micro.continuum.homogenise import BlockFields, block_fields, cell_gradient, kirchhoff_stress
 from tsg_micro.continuum.rve import RVE, RVEState, build_rve
+from tsg_micro.continuum.rve_law import RVELaw
+from tsg_micro.continuum.rve_source import RVESource
 from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.continuum.sampling import BOXES, StrainBox, join_paths, sample_paths, strain_path
 from tsg_micro.data.dataset import (
@@ -53,6 +55,8 @@ __all__ = [
     "Members",
     "NewtonOptions",
     "NoCompression",
+    "RVELaw",
+    "RVESource",
     "RVESpec",
     "RVEState",
     "SelfStress",

@@ -28,7 +28,7 @@ from dd_macro.methods.method import SILENT, Material, Watch, with_iterations
 from dd_macro.methods.metric_choice import choose_metric
 from dd_macro.methods.projection import MechanicalState, Projection, relative_distance
 from dd_macro.methods.second_order import SecondOrderOptions, SecondOrderResult, solve_second_order
-from dd_macro.methods.second_order_steps import Record
+from dd_macro.methods.second_order_steps import StepRecord
 from dd_macro.methods.theory import local_tangent_step, project
 from dd_macro.parallel import one_thread, total
 from dd_macro.scene.problem import Problem
@@ -191,7 +191,7 @@ class _Rounds:
         if isinstance(metric, str):
             metric = choose_metric(metric, self.problem, data.all, order=2)
         self.projection = project(self.problem, metric)
-        self._onto = local_tangent_step(Record(self.projection, _MOST_ROUNDS, None))
+        self._onto = local_tangent_step(StepRecord(self.projection, _MOST_ROUNDS, None))
         self._given = prepared.material.dataset is not None
         self._away = np.inf
         self._surprise: float | None = None

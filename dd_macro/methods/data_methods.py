@@ -21,9 +21,8 @@ from dd_macro.methods.method import SILENT, Material, Watch, with_iterations
 from dd_macro.methods.metric_choice import choose_metric
 from dd_macro.methods.points import DataDrivenResult, SolverOptions, solve
 from dd_macro.methods.projection import MechanicalState, Projection
-from dd_macro.methods.second_order import Method as StepName
-from dd_macro.methods.second_order import SecondOrderOptions, solve_second_order
-from dd_macro.methods.second_order_steps import LocalTangentStep, Record
+from dd_macro.methods.second_order import SecondOrderOptions, StepName, solve_second_order
+from dd_macro.methods.second_order_steps import LocalTangentStep, StepRecord
 from dd_macro.methods.theory import local_tangent_step, project
 from dd_macro.scene.problem import Problem
 from tsg_micro.data.dataset import Dataset
@@ -245,4 +244,4 @@ def _on_spaces(projection: Projection, spaces: TangentSpaces, z: MechanicalState
 @lru_cache(maxsize=1)
 def _step(projection: Projection) -> LocalTangentStep:
     """The last one is kept: it takes longer to make than to use."""
-    return local_tangent_step(Record(projection, sys.maxsize, None))
+    return local_tangent_step(StepRecord(projection, sys.maxsize, None))

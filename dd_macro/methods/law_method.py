@@ -9,8 +9,9 @@ from typing import Self
 
 from dd_macro.material.laws import Law
 from dd_macro.methods.method import SILENT, Material, Watch, with_iterations
-from dd_macro.methods.newton import NewtonIteration, ReferenceOptions, ReferenceResult, equilibrium
+from dd_macro.methods.newton import equilibrium
 from dd_macro.methods.projection import MechanicalState, Projection
+from dd_macro.methods.reference import NewtonIteration, ReferenceOptions, ReferenceResult
 from dd_macro.scene.problem import Problem
 from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import InputError

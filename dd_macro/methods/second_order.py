@@ -19,15 +19,15 @@ from numpy.typing import NDArray
 from dd_macro.material.tangent_spaces import SpaceProjection, TangentSearch, TangentSpaces
 from dd_macro.methods.points import DataDrivenResult, Iteration
 from dd_macro.methods.projection import MechanicalState, Projection
-from dd_macro.methods.second_order_steps import AlternatingStep, Record, Step
+from dd_macro.methods.second_order_steps import AlternatingStep, Step, StepRecord
 from dd_macro.methods.theory import local_tangent_step, theory_of
 from dd_macro.parallel import one_thread, total
 from tsg_micro.data.errors import ConvergenceError, InputError
 
-__all__ = ["Method", "SecondOrderOptions", "SecondOrderResult", "solve_second_order"]
+__all__ = ["SecondOrderOptions", "SecondOrderResult", "StepName", "solve_second_order"]
 
 Array = NDArray[np.float64]
-Method = Literal["alternating", "local-tangent"]
+StepName = Literal["alternating", "local-tangent"]
 
 _SLOW, _LEAST_RELAXATION = 0.7, 0.2
 
@@ -129,7 +129,7 @@ def solve_second_order(
     projection: Projection,
     search: TangentSearch,
     *,
-    method: Method = "local-tangent",
+    method: StepName = "local-tangent",
     start: MechanicalState | None = None,
     options: SecondOrderOptions | None = None,
     progress: Callable[[int, Iteration], None] | None = None,
@@ -149,15 +149,15 @@ def solve_second_order(
         ConvergenceError: ``max_iterations`` were not enough, or a linear solver failed; it has the history.
     """
     options = options or SecondOrderOptions()
-    if method not in get_args(Method):
-        raise InputError(f"method: expected {' or '.join(get_args(Method))}, got {method!r}")
+    if method not in get_args(StepName):
+        raise InputError(f"method: expected {' or '.join(get_args(StepName))}, got {method!r}")
     if not np.array_equal(projection.metric.C, search.metric.C):
         raise InputError("metric: expected the same C in the projection and in the search, got two different ones")
     if method == "alternating" and not theory_of(projection.operator).linear:
         raise InputError(
             "method: expected local-tangent in finite strain, got 'alternating', which needs linear spaces"
         )
-    record = Record(projection, options.max_iterations, progress)
+    record = StepRecord(projection, options.max_iterations, progress)
     try:
         step = AlternatingStep(record, options.tolerance) if method == "alternating" else local_tangent_step(record)
         return _iterate(record, step, search, start or projection.elastic(), options)
@@ -166,7 +166,7 @@ def solve_second_order(
 
 
 def _iterate(
-    record: Record, step: Step, search: TangentSearch, z: MechanicalState, options: SecondOrderOptions
+    record: StepRecord, step: Step, search: TangentSearch, z: MechanicalState, options: SecondOrderOptions
 ) -> SecondOrderResult:
     operator, metric = record.projection.operator, search.metric
     volume = float(total(operator.comm, operator.weights.sum()))
@@ -207,7 +207,7 @@ def _between(a: MechanicalState, b: MechanicalState, part: float) -> MechanicalS
 
 
 def _result(
-    record: Record, search: TangentSearch, z: MechanicalState, spaces: TangentSpaces, **more: Any
+    record: StepRecord, search: TangentSearch, z: MechanicalState, spaces: TangentSpaces, **more: Any
 ) -> SecondOrderResult:
     comm, w = record.projection.operator.comm, record.projection.operator.weights
     strain, stress = SpaceProjection(spaces, search.metric).closest(z.strain, z.stress)

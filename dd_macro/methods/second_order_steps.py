@@ -26,7 +26,7 @@ from dd_macro.scene.kinematics import Kinematics
 from dd_macro.scene.linear import LinearSolver
 from tsg_micro.data.errors import ConvergenceError
 
-__all__ = ["AlternatingStep", "FiniteTangentStep", "LocalTangentStep", "Record", "Step"]
+__all__ = ["AlternatingStep", "FiniteTangentStep", "LocalTangentStep", "Step", "StepRecord"]
 
 Array = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -37,7 +37,7 @@ _CORRECTIONS = 50
 _HALVINGS = 8
 
 
-class Record:
+class StepRecord:
     """The iterations so far, and lengths in the metric of the scene.
 
     Args:
@@ -99,7 +99,7 @@ class AlternatingStep:
 
     exact = False
 
-    def __init__(self, record: Record, tolerance: float) -> None:
+    def __init__(self, record: StepRecord, tolerance: float) -> None:
         self.record, self.tolerance = record, tolerance
 
     def __call__(
@@ -142,7 +142,7 @@ class LocalTangentStep:
 
     exact = True
 
-    def __init__(self, record: Record) -> None:
+    def __init__(self, record: StepRecord) -> None:
         self.record = record
         self._matrix = record.projection.operator.stiffness()
         self._linear: LinearSolver | None = None
@@ -194,7 +194,7 @@ class FiniteTangentStep(LocalTangentStep):
 
     exact = False
 
-    def __init__(self, record: Record) -> None:
+    def __init__(self, record: StepRecord) -> None:
         super().__init__(record)
         self.scene = record.projection
         self._last: tuple[Array, Kinematics] | None = None

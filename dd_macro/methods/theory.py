@@ -11,7 +11,7 @@ from typing import Protocol
 from dd_macro.material.metric import Metric
 from dd_macro.methods.finite_projection import FiniteProjection, biot_dataset
 from dd_macro.methods.projection import Projection
-from dd_macro.methods.second_order_steps import FiniteTangentStep, LocalTangentStep, Record
+from dd_macro.methods.second_order_steps import FiniteTangentStep, LocalTangentStep, StepRecord
 from dd_macro.scene.boundary import Displacement
 from dd_macro.scene.enhanced import EnhancedGradientOperator, EnhancedStrainOperator
 from dd_macro.scene.loads import Load
@@ -38,7 +38,7 @@ class Theory(Protocol):
     def projection(self, problem: Problem, metric: Metric) -> Projection:
         """The factorised projection onto the constraint set."""
 
-    def tangent_step(self, record: Record) -> LocalTangentStep:
+    def tangent_step(self, record: StepRecord) -> LocalTangentStep:
         """Equilibrium on tangent spaces."""
 
     def dataset(self, dataset: Dataset, measure: str | None) -> Dataset:
@@ -62,7 +62,7 @@ class _Small:
     def projection(self, problem: Problem, metric: Metric) -> Projection:
         return Projection.of(problem, metric)
 
-    def tangent_step(self, record: Record) -> LocalTangentStep:
+    def tangent_step(self, record: StepRecord) -> LocalTangentStep:
         return LocalTangentStep(record)
 
     def dataset(self, dataset: Dataset, measure: str | None) -> Dataset:
@@ -86,7 +86,7 @@ class _Finite:
     def projection(self, problem: Problem, metric: Metric) -> Projection:
         return FiniteProjection.of(problem, metric)
 
-    def tangent_step(self, record: Record) -> LocalTangentStep:
+    def tangent_step(self, record: StepRecord) -> LocalTangentStep:
         return FiniteTangentStep(record)
 
     def dataset(self, dataset: Dataset, measure: str | None) -> Dataset:
@@ -131,6 +131,6 @@ def make_projection(
     return project(Problem(operator, conditions, tractions), metric)
 
 
-def local_tangent_step(record: Record) -> LocalTangentStep:
+def local_tangent_step(record: StepRecord) -> LocalTangentStep:
     """The step with local tangents in the theory of the record's scene."""
     return theory_of(record.projection.operator).tangent_step(record)

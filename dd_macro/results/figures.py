@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter, StrMethodFormatter
 from numpy.typing import NDArray
 
-from dd_macro.methods.newton import NewtonIteration
+from dd_macro.methods.reference import NewtonIteration
 from dd_macro.results.compare import ErrorMap
 from tsg_micro.data.figure_style import (
     FIELD,

@@ -7,8 +7,8 @@ from functools import singledispatch
 from matplotlib.figure import Figure
 
 from dd_macro.methods.adaptive import AdaptiveResult
-from dd_macro.methods.newton import ReferenceResult
 from dd_macro.methods.points import DataDrivenResult
+from dd_macro.methods.reference import ReferenceResult
 from dd_macro.methods.solution import Solution
 from dd_macro.results.figures import ROUNDS, plot_convergence, plot_newton, plot_rounds
 

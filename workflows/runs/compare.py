@@ -19,7 +19,7 @@ __all__ = ["compare"]
 
 _BUCKLED = 1e-7
 """Deflection of the mid-plane, m, that is no round-off any more: a hundredth of a cell's height."""
-_METHODS = {"solve": "data-driven", "fe2": "FE2"}
+_COMMANDS = {"solve": "data-driven", "fe2": "FE2"}
 _INVARIANTS = {"p": pressure, "q": von_mises}
 
 
@@ -32,7 +32,7 @@ def compare(out: Path, *, dd: Path, dns: Path, plots: bool = True) -> dict[str, 
     Raises:
         InputError: a folder is not what it should be, or the two are of different loads, strains, bar forces or grids.
     """
-    solved, reference = read_summary(dd, *_METHODS), read_summary(dns, "dns")
+    solved, reference = read_summary(dd, *_COMMANDS), read_summary(dns, "dns")
     check_same_scene(solved["parameters"], dns, str(dd))
     fields = read_quadrature(dd / "quadrature.h5")
     if fields.normalised_distance != number(solved, "normalised_distance"):
@@ -71,7 +71,7 @@ def compare(out: Path, *, dd: Path, dns: Path, plots: bool = True) -> dict[str, 
     )
     if plots:
         _draw(out, fields, None if solved["command"] == "fe2" else material, mechanical, tensegrity)
-        _draw_boundary(out, fields, maps, _METHODS[solved["command"]])
+        _draw_boundary(out, fields, maps, _COMMANDS[solved["command"]])
     return summary
 
 

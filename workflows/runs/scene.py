@@ -35,8 +35,8 @@ class Scene:
     (``clamp`` "full"), or in the plane of the sheet alone ("inplane"), where their thickness is free: the hold on the
     thickness fades over a third of a block, which elements of a block cannot follow. ``degree`` of the elements;
     those of degree 1 are an ``element`` of ELEMENTS, its default if None. A ``flat`` sheet has its back side held in
-    its plane, so that it cannot buckle. ``mesh_unit`` is that of the file's coordinates; ``merge_nodes`` joins those
-    nodes that are at one place.
+    its plane, so that it cannot buckle. ``mesh_unit`` is that of the coordinates of the file; ``merge_nodes`` joins
+    nodes at one place.
     """
 
     load: str

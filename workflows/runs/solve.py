@@ -101,9 +101,10 @@ class _Asked:
 
     def parameters(self, dataset: Dataset) -> dict[str, Any]:
         """For the summary."""
-        plan = self.adaptation
+        plan, tissue = self.adaptation, tissue_of(dataset)
         force = None if self.tissue is None else self.tissue.bar_force
         return {
+            **({} if tissue is None else tissue.as_dict()),
             "data": self.data,
             **self.scene.parameters(),
             "metric": self.metric,

@@ -17,6 +17,8 @@ __all__ = ["SCENE", "Errors", "check_same_scene", "describe", "read_blocks", "so
 
 SCENE = ("load", "strain", "bar_force")
 """Parameters that a data-driven run and its reference have in common."""
+_CELLS = ("cell", "unit", "law")
+"""The same, where both say what it is."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +44,12 @@ class Errors:
 
 
 def check_same_scene(parameters: dict[str, Any], dns: Path, whose: str) -> None:
-    """Raise InputError where ``parameters`` are not of the load, strain and bar force of the run in folder ``dns``."""
+    """Raise InputError where ``parameters`` are not of the load, strain and tissue of the run in folder ``dns``."""
     reference = read_summary(dns, "dns")["parameters"]
-    for name in SCENE:
+    for name in (*SCENE, *_CELLS):
         a, b = parameters.get(name), reference.get(name)
-        if a != b and not (name == "bar_force" and a is None):  # None: of joined or measured data
+        unknown = (name == "bar_force" and a is None) or (name in _CELLS and None in (a, b))
+        if a != b and not unknown:  # of joined or measured data, and of older runs
             raise InputError(f"{name}: expected the same in both runs, got {a} in {whose} and {b} in {dns}")
 
 

@@ -24,18 +24,16 @@ from workflows.runs.loads import check_load
 from workflows.runs.scene import Scene, read_material
 from workflows.store.record import write_summary, write_table
 from workflows.store.stages import Stages
+from workflows.studies.data_error_fits import ADAPTIVE, errors_at, fits, ratios, savings
 from workflows.studies.fe2_reference import Exact, box_states, read_exact
 from workflows.studies.methods import named
 from workflows.studies.prerequisites import Chain
 
-__all__ = ["ADAPTIVE", "BUDGETS", "data_error", "fitted_slope", "mean_errors", "states_needed"]
+__all__ = ["BUDGETS", "SIX", "data_error"]
 
 _METHODS = ("classical", "second order", "second order, estimated tangents")
-SIX, ADAPTIVE = "all strains that FE2 visits, at random", "adaptive, from nothing"
+SIX = "all strains that FE2 visits, at random"
 BUDGETS = (4, 8, 16, 32, 64, 128, 256, 400)
-TARGETS = (0.02, 0.01, 0.005)
-_ABOVE = 1.5
-"""Errors are fitted where they are at least as many times their floor."""
 _LEAST = 16
 
 
@@ -95,7 +93,6 @@ def data_error(
         shown = row["reason"] if row["state"] is None else f"{exact.symbol} {row[exact.symbol]:.2%}"
         say(f"{row['source']}, {row['method']}, {row['states']} states: {shown}, state {row['state'] or 0:.2%}")
         write_table(out / "data_error.csv", rows)
-    fits = _fits(rows, exact.symbol, {name for name, one in sources.items() if _under_plane_stress(one)})
     summary = write_summary(
         out,
         command="study data-error",
@@ -109,16 +106,7 @@ def data_error(
             "draws": draws,
             "budgets": list(budgets),
         },
-        figures={
-            "symbol": (exact.symbol, ""),
-            "box": ({"lowest": exact.strain.min(axis=0), "highest": exact.strain.max(axis=0)}, "1, Mandel"),
-            "box_failed": (sources[SIX].parameters["failed"], "strains without equilibrium"),
-            "fits": (fits, "slope of log error over log number of states; error at most, and states for it"),
-            "slope_ratio": (_ratios(fits), "second order over classical"),
-            "random_over_adaptive": (_savings(fits), "states for the same error"),
-            "error_with_400": (_at(rows, exact.symbol, 400), "1"),
-            "rows": (rows, ""),
-        },
+        figures=_figures(exact, sources, rows),
     )
     if plots:
         from tsg_micro.data.figure_style import save_figure
@@ -126,6 +114,20 @@ def data_error(
 
         save_figure(plot_data_error(summary), out / "data_error.png")
     return summary
+
+
+def _figures(exact: Exact, sources: dict[str, Dataset], rows: list[dict[str, Any]]) -> dict[str, tuple[Any, str]]:
+    fitted = fits(rows, exact.symbol, {name for name, one in sources.items() if _under_plane_stress(one)})
+    return {
+        "symbol": (exact.symbol, ""),
+        "box": ({"lowest": exact.strain.min(axis=0), "highest": exact.strain.max(axis=0)}, "1, Mandel"),
+        "box_failed": (sources[SIX].parameters["failed"], "strains without equilibrium"),
+        "fits": (fitted, "slope of log error over log number of states; error at most, and states for it"),
+        "slope_ratio": (ratios(fitted), "second order over classical"),
+        "random_over_adaptive": (savings(fitted), "states for the same error"),
+        "error_with_400": (errors_at(rows, exact.symbol, 400), "1"),
+        "rows": (rows, ""),
+    }
 
 
 def _box(stages: Stages, exact: Exact, chain: Chain, states: int) -> Dataset:
@@ -190,105 +192,3 @@ def _rows(
             continue
         row |= {"states": adapted.rounds[-1].rves, "iterations": sum(one.iterations for one in adapted.rounds)}
         yield row | exact.errors(adapted) | {"reason": adapted.adapt_reason}
-
-
-def _fits(rows: list[dict[str, Any]], symbol: str, floors: set[str]) -> list[dict[str, Any]]:
-    """Slope of every source and method, and the states that it needs for each of the targets.
-
-    The floor of a source, where it has one, is the least error of the method, of all methods for the classical one.
-    """
-    fits = []
-    for source, method in dict.fromkeys((row["source"], row["method"]) for row in rows):
-        most = max(row["states"] for row in rows if row["source"] == source)
-        fit: dict[str, Any] = {"source": source, "method": method, "states": most}
-        for name in (symbol, "state"):
-            sizes, errors = mean_errors(rows, source, method, name)
-            alike = {row["method"] for row in rows} if method == "classical" else {method}
-            below = [r[name] for r in rows if r["source"] == source and r["method"] in alike and r[name] is not None]
-            floor = min(below, default=0.0) if source in floors else 0.0
-            slope, at_one = fitted_slope(sizes, errors, floor=floor)
-            fit[f"slope_{name}"], fit[f"at_one_{name}"] = slope, at_one
-            fit[f"least_{name}"] = float(errors.min()) if len(errors) else None
-            fit[f"needed_{name}"] = {f"{target:g}": states_needed(sizes, errors, target) for target in TARGETS}
-        fits.append(fit)
-    return fits
-
-
-def mean_errors(rows: list[dict[str, Any]], source: str, method: str, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of states, and geometric means over the draws of the error ``name``; solves that failed are left out."""
-    own = [row for row in rows if (row["source"], row["method"]) == (source, method) and row[name] is not None]
-    sizes = sorted({row["states"] for row in own})
-    logs = [np.mean([np.log(row[name]) for row in own if row["states"] == size]) for size in sizes]
-    return np.array(sizes, dtype=float), np.exp(logs)
-
-
-def fitted_slope(sizes: np.ndarray, errors: np.ndarray, *, floor: float) -> tuple[float | None, float | None]:
-    """Slope of log error over log number of states by least squares, and the error that the line has at one state.
-
-    The ``floor`` is taken off the squares, and errors near it do not count. None of less than three.
-    """
-    used = errors > _ABOVE * floor
-    if used.sum() < 3:
-        return None, None
-    slope, level = np.polyfit(np.log(sizes[used]), 0.5 * np.log(errors[used] ** 2 - floor**2), 1)
-    return float(slope), float(np.exp(level))
-
-
-def states_needed(sizes: np.ndarray, errors: np.ndarray, target: float) -> float | None:
-    """The number of states from which on the error is ``target`` or less, on straight lines in the logarithms.
-
-    The smallest number there is if all of them reach it; None if the largest does not.
-    """
-    above = np.flatnonzero(errors > target)
-    if len(above) == 0:
-        return float(sizes[0]) if len(sizes) else None
-    k = above[-1]
-    if k == len(errors) - 1:
-        return None
-    part = np.log(errors[k] / target) / np.log(errors[k] / errors[k + 1])
-    return float(sizes[k] * (sizes[k + 1] / sizes[k]) ** part)
-
-
-def _ratios(fits: list[dict[str, Any]]) -> dict[str, dict[str, float | None]]:
-    """Slope of second-order over that of classical data, for every source with both."""
-    slopes = {(fit["source"], fit["method"]): fit for fit in fits}
-    ratios: dict[str, dict[str, float | None]] = {}
-    for source in dict.fromkeys(fit["source"] for fit in fits if fit["source"] != ADAPTIVE):
-        one, two = (slopes[source, name] for name in ("classical", "second order"))
-        names = [name for name in one if name.startswith("slope_")]
-        ratios[source] = {n[6:]: None if None in (one[n], two[n]) else two[n] / one[n] for n in names}
-    return ratios
-
-
-def _savings(fits: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """How many ``times`` the states of adaptive data others need, for every target that adaptive data reach.
-
-    None where they never reach it; ``at_least`` is what they had, all in vain.
-    """
-    adaptive = next(fit for fit in fits if fit["source"] == ADAPTIVE)
-    rows = []
-    for fit in (fit for fit in fits if fit["source"] != ADAPTIVE):
-        for name in [key[7:] for key in fit if key.startswith("needed_")]:
-            for target, needed in adaptive[f"needed_{name}"].items():
-                if needed is not None:
-                    theirs, most = fit[f"needed_{name}"][target], fit["states"]
-                    times = {
-                        "times": None if theirs is None else theirs / needed,
-                        "at_least": (theirs or most) / needed,
-                    }
-                    named = {"source": fit["source"], "method": fit["method"], "error": name, "target": float(target)}
-                    rows.append(named | times)
-    return rows
-
-
-def _at(rows: list[dict[str, Any]], symbol: str, count: int) -> list[dict[str, Any]]:
-    """Errors with ``count`` states, on straight lines in the logarithms."""
-    found = []
-    for source, method in dict.fromkeys((row["source"], row["method"]) for row in rows):
-        row: dict[str, Any] = {"source": source, "method": method}
-        for name in (symbol, "state"):
-            sizes, errors = mean_errors(rows, source, method, name)
-            inside = len(sizes) > 0 and sizes[0] <= count <= sizes[-1]
-            row[name] = float(np.exp(np.interp(np.log(count), np.log(sizes), np.log(errors)))) if inside else None
-        found.append(row)
-    return found

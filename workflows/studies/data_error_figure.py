@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from tsg_micro.data.figure_style import STYLE, new_figure
+from workflows.studies.data_error_fits import ADAPTIVE, mean_errors
 
 __all__ = ["plot_data_error"]
 
@@ -24,8 +25,6 @@ def plot_data_error(summary: Mapping[str, Any]) -> Figure:
 
     Colours are methods, markers and line styles the data, black is adaptive sampling; slopes are in the legend.
     """
-    from workflows.studies.data_error import ADAPTIVE, mean_errors
-
     rows, symbol = summary["rows"], summary["symbol"]
     sources = [name for name in dict.fromkeys(row["source"] for row in rows) if name != ADAPTIVE]
     methods = dict.fromkeys(row["method"] for row in rows)

@@ -96,13 +96,13 @@ def fe2_parameters(fe2: Path) -> dict[str, Any]:
     said = read_summary(fe2, "fe2")["parameters"]
     element = "trilinear" if said.get("degree", 1) == 1 else None
     scene = {"kinematics": "small", "clamp": "full", "degree": 1, "flat": False, "element": element}
-    return scene | {"mesh_unit": "m", "merge_nodes": False} | said
+    return scene | {"mesh_unit": "m", "merge_nodes": False} | Tissue().as_dict() | said
 
 
 def check_fe2(fe2: Path, scene: Scene, tissue: Tissue) -> None:
-    """Raise InputError where the run in folder ``fe2`` is not there, or of another scene or bar force."""
+    """Raise InputError where the run in folder ``fe2`` is not there, or of another scene or tissue."""
     there = fe2_parameters(fe2)
-    for name, wanted in {**scene.parameters(), "bar_force": tissue.bar_force}.items():
+    for name, wanted in {**scene.parameters(), **tissue.as_dict()}.items():
         found = tuple(there[name]) if isinstance(there.get(name), list) else there.get(name)
         if found != wanted:
             raise InputError(f"fe2: expected {name} {wanted} in {fe2}, got {found}")
@@ -112,7 +112,7 @@ def read_exact(fe2: Path, scene: Scene, tissue: Tissue) -> Exact:
     """What the run in folder ``fe2`` left.
 
     Raises:
-        InputError: it is not there, or of another scene or bar force.
+        InputError: it is not there, or of another scene or tissue.
     """
     check_fe2(fe2, scene, tissue)
     fields = dd.read_quadrature(fe2 / "quadrature.h5")

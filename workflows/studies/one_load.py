@@ -97,7 +97,7 @@ class Study:
 
     def _check_reference(self, dns: Path) -> None:
         chain = self.chain
-        scene = {"load": self.load, "strain": chain.strain, "bar_force": chain.bar_force}
+        scene = {"load": self.load, "strain": chain.strain, **chain.tissue.as_dict()}
         check_same_scene(scene, dns, "the study")
         blocks = tuple(read_summary(dns, "dns")["parameters"].get("blocks", ()))
         if blocks != tuple(chain.blocks):

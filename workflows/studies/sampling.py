@@ -59,23 +59,9 @@ def study_sampling(
         raise InputError(f"load: expected {' or '.join(LOADS)}, got {load!r}")
     if min(elements) < 1:
         raise InputError(f"elements: expected at least 1 along x and y, got {elements[0]} {elements[1]}")
-    solved = None if dd is None else read_summary(dd, "solve")
-    if solved is not None:
-        data = data or Path(solved["parameters"]["data"])
-        load = load or solved["parameters"]["load"]
-    given = None if data is None else read_dataset(data)
-    if given is not None:
-        sampled = given.parameters.get("load")
-        load = load or sampled
-        if load not in LOADS or (sampled in LOADS and sampled != load):
-            wanted = " or ".join(LOADS) if load not in LOADS else load
-            raise InputError(f"load: expected {wanted}, the data in {data} were sampled for {sampled!r}")
-    points = paths * steps if given is None else len(given)
-    if points < FEWEST:
-        raise InputError(f"data: expected at least {FEWEST} points to tell how they cover the box, got {points}")
-    loads = [load] if load else list(LOADS)
-    if solved is not None and solved["parameters"]["load"] != load:
-        raise InputError(f"dd: expected a solution under {load}, got {solved['parameters']['load']} in {dd}")
+    solved, given, loads = _inputs(load, data, dd, paths * steps)
+    data = Path(solved["parameters"]["data"]) if solved is not None and data is None else data
+    load = loads[0] if load is None and (given is not None or solved is not None) else load
     tissue = Tissue(bar_force=bar_force)
     for name in loads:
         Plan(name, paths, steps, seed, tissue)
@@ -120,6 +106,30 @@ def study_sampling(
     if plots:
         _draw(out, drawn)
     return summary
+
+
+def _inputs(
+    load: str | None, data: Path | None, dd: Path | None, points: int
+) -> tuple[dict[str, Any] | None, Dataset | None, list[str]]:
+    """Summary of the solution and the data that are given, and the loads to study; ``points`` would be sampled."""
+    solved = None if dd is None else read_summary(dd, "solve")
+    if solved is not None:
+        data = data or Path(solved["parameters"]["data"])
+        load = load or solved["parameters"]["load"]
+    given = None if data is None else read_dataset(data)
+    if given is not None:
+        sampled = given.parameters.get("load")
+        load = load or sampled
+        if load not in LOADS or (sampled in LOADS and sampled != load):
+            wanted = " or ".join(LOADS) if load not in LOADS else load
+            raise InputError(f"load: expected {wanted}, the data in {data} were sampled for {sampled!r}")
+    points = points if given is None else len(given)
+    if points < FEWEST:
+        raise InputError(f"data: expected at least {FEWEST} points to tell how they cover the box, got {points}")
+    loads = [load] if load else list(LOADS)
+    if solved is not None and solved["parameters"]["load"] != load:
+        raise InputError(f"dd: expected a solution under {load}, got {solved['parameters']['load']} in {dd}")
+    return solved, given, loads
 
 
 def _solve(

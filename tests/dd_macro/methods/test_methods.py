@@ -218,6 +218,28 @@ def test_what_a_method_lacks_is_said(comm):
     )
 
 
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one rank samples")
+def test_the_readme_with_every_method(capsys):
+    """Its blocks on a smaller sheet with fewer data; FE2 leaves no data error."""
+    first, second = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    for there, here in (
+        ("range(100)", "range(20)"),
+        ("(30, 15, 1)", "(4, 4, 1)"),
+        ("300e-6", "80e-6"),
+        ("600e-6", "80e-6"),
+    ):
+        assert there in first
+        first = first.replace(there, here)
+    names: dict[str, Any] = {}
+    exec(first + second, names)
+    pulls = dict(re.findall(r"(.*): .*, pull (.*) N", capsys.readouterr().out))
+    assert list(pulls) == list(dd.METHODS)
+    exact = float(pulls["FE2"])
+    assert float(pulls["adaptive"]) == pytest.approx(exact, rel=0.02)
+    for name in ("second order", "second order, alternating"):  # the box of stretch lacks what the clamps do
+        assert float(pulls[name]) == pytest.approx(exact, rel=0.15)
+
+
 SOLVE = """
 import sys
 sys.path.insert(0, sys.argv[1])

@@ -29,7 +29,7 @@ from dd_macro import (
     solve_second_order,
 )
 from dd_macro.material.tangent_spaces import SpaceProjection
-from dd_macro.methods.second_order import Method
+from dd_macro.methods.second_order import StepName
 from dd_macro.parallel import total
 from tsg_micro.data.errors import ConvergenceError, InputError
 
@@ -37,7 +37,7 @@ pytestmark = pytest.mark.mpi
 ROOT = Path(__file__).parents[3]
 
 LINEAR = isotropic(young=1e3, poisson=0.3)
-METHODS: list[Method] = ["local-tangent", "alternating"]
+METHODS: list[StepName] = ["local-tangent", "alternating"]
 LOWER, UPPER = np.array([-0.03, -0.02, -0.03]), np.array([0.03, 0.08, 0.03])
 
 

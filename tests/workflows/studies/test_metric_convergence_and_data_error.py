@@ -18,9 +18,10 @@ from tsg_micro.data.errors import ConvergenceError, InputError
 from workflows.runs.scene import Scene
 from workflows.runs.tensegrity import read_blocks, solution_errors
 from workflows.studies.convergence import STATES, check, convergence
-from workflows.studies.data_error import ADAPTIVE, SIX, data_error, fitted_slope, states_needed
+from workflows.studies.data_error import SIX, data_error
 from workflows.studies.data_error import _rows as all_rows
 from workflows.studies.data_error import _sources as sources
+from workflows.studies.data_error_fits import ADAPTIVE, fitted_slope, states_needed
 from workflows.studies.fe2_reference import read_exact
 from workflows.studies.methods import grid_methods
 from workflows.studies.metric import metric
