@@ -101,7 +101,7 @@ class _Asked:
 
     def parameters(self, dataset: Dataset) -> dict[str, Any]:
         """For the summary."""
-        plan = self.adaptation
+        plan, known = self.adaptation, tissue_of(dataset)
         force = None if self.tissue is None else self.tissue.bar_force
         return {
             "data": self.data,
@@ -110,6 +110,7 @@ class _Asked:
             "order": self.tangents,
             "stress_measure": self.stress_measure,
             "adaptation": None if plan is None else {"bar_force": force, **asdict(plan)},
+            **({} if known is None else known.as_dict()),
             "bar_force": dataset.parameters.get("bar_force"),
         }
 
