@@ -63,7 +63,7 @@ def solve(
     from workflows.runs.adaptation import adaptation
     from workflows.runs.solve import solve as run
 
-    tissue = cell.make_if_given()
+    tissue = cell.make_if_given(adapt=adapt)
     summary = run(
         out,
         data=data,

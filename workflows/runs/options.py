@@ -221,16 +221,18 @@ class WantedTissueOptions(CellOptions):
 
     bar_force: Annotated[float | None, typer.Option(help="With --adapt: f_b in N, if the data do not say it.")] = None
 
-    def make_if_given(self) -> Tissue | None:
+    def make_if_given(self, *, adapt: bool) -> Tissue | None:
         """The tissue; None where no option was given.
 
         Raises:
-            InputError: as :meth:`make`, or the cell is given without file or bar force.
+            InputError: as :meth:`make`, the cell is given without file or bar force, or nothing asks for it.
         """
         from tsg_micro.data.errors import InputError
 
+        names = ", ".join(sorted(self.given - {"bar_force"}))
+        if names and not adapt:
+            raise InputError(f"{names}: expected --adapt with them, got none")
         if self.given and not self.given & {"bar_force", "tissue"}:
-            names = ", ".join(sorted(self.given))
             raise InputError(f"bar_force: expected a force in N, or --tissue, beside {names}, got neither")
         return self.make() if self.given else None
 
