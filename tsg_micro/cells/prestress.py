@@ -113,9 +113,9 @@ def force_density_of_owners(structure: Structure, parameters: CellParameters, ba
     return np.asarray(state[structure.member_places] * scale[structure.member_cells])
 
 
-def out_of_balance(structure: Structure, parameters: CellParameters, bar_force: ArrayLike) -> float:
-    """Largest force, N, that the self-stress of a lattice leaves at a node: round-off, if it is one."""
-    return float(np.abs(equilibrium_matrix(structure) @ force_density_of_cells(structure, parameters, bar_force)).max())
+def out_of_balance(structure: Structure, force_density: Array) -> float:
+    """Largest force, N, that force densities (m,), N/m, leave at a node: round-off, if they are a self-stress."""
+    return float(np.abs(equilibrium_matrix(structure) @ force_density).max())
 
 
 def with_force_density(structure: Structure, force_density: Array) -> Structure:

@@ -12,7 +12,7 @@ from tsg_micro.cells.structure import Structure
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.equilibrium.linear_solvers import Choice
 from tsg_micro.equilibrium.members import MACRO, MemberState, MemberSystem
-from tsg_micro.equilibrium.newton import Iteration, NewtonOptions, NewtonSolver
+from tsg_micro.equilibrium.newton import Converged, Iteration, NewtonOptions, NewtonSolver
 from tsg_micro.equilibrium.pressure import PressurisedSystem
 from tsg_micro.equilibrium.surface import Surface
 from tsg_micro.equilibrium.tangent import Border, Tangent
@@ -168,6 +168,10 @@ class EquilibriumSolver:
                 break
             if result.iterations <= _FEW:
                 part = min(1.5 * part, 1.0)
+        return self._reached(result, before, accepted, history)
+
+    def _reached(self, result: Converged, before: int, accepted: int, history: list[Iteration]) -> Equilibrium:
+        """The equilibrium where the solver is now, after ``accepted`` parts; it had made ``before`` factorisations."""
         negative = result.tangent.negative_pivots if result.tangent else None
         m = self.system.nodal_size
         balance = result.gradient + self.newton.border.constraint.T @ result.multipliers

@@ -64,7 +64,7 @@ def cell(
     made = cells.make()
     summary = run(
         out,
-        bar_force=bar_force or ((made.bar_force,) if cells.tissue else ()),
+        band=bar_force or ((made.bar_force,) if cells.tissue else ()),
         force=force,
         steps=steps,
         top=top,

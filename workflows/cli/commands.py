@@ -11,22 +11,14 @@ from typing import Annotated
 import typer
 
 from workflows.cli import bodies as cli_bodies
-from workflows.cli import fe2 as cli_fe2
+from workflows.cli import macroscale as cli_macroscale
 from workflows.cli import studies as cli_study
 from workflows.runs.options import (
     Box,
-    Clamp,
-    ClampName,
-    Degree,
-    Element,
-    Flat,
+    HowLoaded,
     Images,
-    Kinematics,
-    KinematicsName,
     Load,
     Measure,
-    MergeNodes,
-    MeshUnit,
     Out,
     OutFile,
     OutOrDefault,
@@ -115,7 +107,7 @@ def dns(
     *,
     out: OutOrDefault = None,
     blocks: Annotated[tuple[int, int], typer.Option(help="2x2x2-cell blocks along x and y.")] = (30, 15),
-    load: Annotated[Load, typer.Option(help="How the top side moves.")] = Load.stretch,
+    load: HowLoaded = Load.stretch,
     strain: Strain = 0.05,
     cell: TissueOptions,
     flat: Annotated[bool, typer.Option("--flat/--free", help="Hold the mid-plane, so that it cannot buckle.")] = False,
@@ -147,98 +139,6 @@ def dns(
     report(summary, names, out)
 
 
-@app.command()
-def solve(
-    out: Out,
-    data: Annotated[Path | None, typer.Option(help="Material data, HDF5; none are needed with --adapt.")] = None,
-    elements: Annotated[tuple[int, int, int] | None, typer.Option(help="Elements along x, y, z; a block each.")] = None,
-    mesh: Annotated[Path | None, typer.Option(help="Hexahedral gmsh mesh, sides named bottom and top.")] = None,
-    mesh_unit: MeshUnit = "m",
-    merge_nodes: MergeNodes = False,
-    load: Annotated[Load, typer.Option(help="How the top side moves.")] = Load.stretch,
-    strain: Strain = 0.05,
-    metric: Annotated[
-        str, typer.Option(help="auto, tangent, visited (first solve picks tangents) or secant.")
-    ] = "auto",
-    order: Annotated[
-        int | None, typer.Option(help="1: a datum is a point; 2: it is its tangent space. 2 with --adapt, else 1.")
-    ] = None,
-    adapt: Annotated[
-        bool, typer.Option("--adapt", help="Compute RVEs where the scene lacks data; OUT/data.h5.")
-    ] = False,
-    bar_force: Annotated[float | None, typer.Option(help="With --adapt: f_b in N, if the data do not say it.")] = None,
-    rve_budget: Annotated[int | None, typer.Option(help="With --adapt: RVEs at most; 200 if not given.")] = None,
-    adapt_tolerance: Annotated[
-        float | None, typer.Option(help="With --adapt: estimated error that ends it; 0.005 if not given.")
-    ] = None,
-    kinematics: Kinematics = KinematicsName.small,
-    clamp: Clamp = ClampName.full,
-    degree: Degree = 1,
-    element: Element = None,
-    flat: Flat = False,
-    stress_measure: Annotated[
-        Measure | None,
-        typer.Option(help="Stress to solve in, else the data's; in finite strain to write, else first_piola."),
-    ] = None,
-    max_iterations: Annotated[
-        int | None, typer.Option(help="Iterations at most; 300 with order 1, 1000 with order 2 if not given.")
-    ] = None,
-    over_relaxation: Annotated[
-        float | None,
-        typer.Option(help="Of order 1: factor w of a query at y + w (z - y), 1 <= w < 2; 1.7 if not given."),
-    ] = None,
-    plots: Plots = True,
-) -> None:
-    """Data-driven solution of a sheet; runs on any number of ranks (mpirun -n N tsgdd solve ...)."""
-    from tsg_micro.cells.tissue import Tissue
-    from workflows.runs.adaptation import adaptation
-    from workflows.runs.scene import Scene
-    from workflows.runs.solve import solve as run
-
-    tissue = None if bar_force is None else Tissue(bar_force=bar_force)
-    summary = run(
-        out,
-        data=data,
-        scene=Scene(
-            *(load.value, strain, elements, mesh, kinematics.value, clamp.value, degree, flat, element),
-            mesh_unit=mesh_unit,
-            merge_nodes=merge_nodes,
-        ),
-        metric=metric,
-        order=order,
-        stress_measure=None if stress_measure is None else stress_measure.value,
-        max_iterations=max_iterations,
-        over_relaxation=over_relaxation,
-        tissue=tissue,
-        adaptation=adaptation(adapt, tissue=tissue, rve_budget=rve_budget, adapt_tolerance=adapt_tolerance),
-        plots=plots,
-        say=say,
-    )
-    if adapt:
-        report(summary, "adapt_reason rves failed_rves estimated_error seconds_rve", out / "data.h5")
-    report(summary, "iterations converged normalised_distance quadrature_points data_points ranks seconds", out)
-
-
-@app.command()
-def compare(
-    dd: Annotated[Path, typer.Option(help="Folder of a data-driven run.")],
-    dns: Annotated[Path, typer.Option(help="Folder of the full tensegrity run of the same scene.")],
-    out: Out,
-    plots: Plots = True,
-) -> None:
-    """Compare data-driven stresses with those of the full tensegrity, block by block."""
-    check_alone("compare")
-    from workflows.runs.compare import compare as run
-
-    summary = run(out, dd=dd, dns=dns, plots=plots)
-    for name in ("error_p_mech", "error_p_mat", "error_q_mech", "error_q_mat"):
-        values = "  ".join(f"{kind} {value:.2%}" for kind, value in summary[name].items())
-        say(f"{name:24} {values}")
-    if summary["dns_buckled"]:
-        say("the full tensegrity has buckled, the data-driven sheet cannot: compare with that of 'tsgdd dns --flat'")
-    say(f"{'results':24} {out}")
-
-
 @app.command(name="import-csv")
 def import_csv(
     csv: Annotated[Path, typer.Argument(help="Measured strain and stress, with a header line.")],
@@ -257,6 +157,7 @@ def import_csv(
     run(csv, column=column, zero=zero or [], silent=silent or [], stress_measure=stress_measure.value, out=out)
 
 
+app.add_typer(cli_macroscale.macroscale)
 app.add_typer(cli_bodies.bodies)
 for _name, _group in zip(("study", "bench"), cli_study.find_studies(), strict=True):
     app.add_typer(_group, name=_name)
@@ -276,7 +177,6 @@ def demo(
 
 
 app.command()(cli_study.paper)
-app.command()(cli_fe2.fe2)
 
 
 def main() -> None:

@@ -48,7 +48,7 @@ def _check(force: float, steps: int, top: str) -> None:
 def cell(
     out: Path,
     *,
-    bar_force: Sequence[float] = (),
+    band: Sequence[float] = (),
     force: float = 3e-9,
     steps: int = 30,
     top: str = "free",
@@ -56,7 +56,7 @@ def cell(
     plots: bool = True,
     say: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
-    """Indent one cell up to ``force`` (N) for every bar force (N), or for DEFAULT_BAND where none is given.
+    """Indent one cell up to ``force`` (N) for every bar force (N) of ``band``, DEFAULT_BAND where it is empty.
 
     All else of the cell is that of ``tissue``, and ``top`` that of tsg_micro.bodies.cell.
 
@@ -68,7 +68,7 @@ def cell(
         ConvergenceError: the equilibrium was lost.
     """
     _check(force, steps, top)
-    band = tuple(bar_force) or DEFAULT_BAND
+    band = tuple(band) or DEFAULT_BAND
     tissues = [replace(tissue, bar_force=value) for value in band]
     if len(set(band)) != len(band):
         raise InputError(f"bar_force: expected each value once, got {', '.join(f'{f:g}' for f in band)}")

@@ -24,7 +24,7 @@ def demo(
     paths: int = 400,
     steps: int = 10,
     strain: float = 0.05,
-    bar_force: float = 1e-8,
+    tissue: Tissue = Tissue(),
     say: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
     """RVE sampling, full tensegrity, data-driven solve and comparison of a sheet under stretch.
@@ -42,7 +42,7 @@ def demo(
     begin = time.perf_counter()
     say(f"1/4  material data: {paths} loading paths of {steps} points through one periodic block")
     data = out / "data.h5"
-    sampled = sample(data, load="stretch", paths=paths, steps=steps, tissue=Tissue(bar_force=bar_force))
+    sampled = sample(data, load="stretch", paths=paths, steps=steps, tissue=tissue)
     say(f"     {sampled['points']} points in {sampled['seconds']:.0f} s, {sampled['failed_paths']} paths cut")
     say(f"2/4  full tensegrity: {blocks[0]} x {blocks[1]} blocks, every bar and tendon, {strain:.0%} stretch")
     full = dns(
@@ -50,7 +50,7 @@ def demo(
         blocks=blocks,
         load="stretch",
         strain=strain,
-        tissue=Tissue(bar_force=bar_force),
+        tissue=tissue,
         say=lambda text: say(f"     {text}"),
     )
     say("3/4  data-driven finite elements, one element a block")
@@ -76,7 +76,7 @@ def demo(
     return write_summary(
         out,
         command="demo",
-        parameters={"blocks": blocks, "paths": paths, "steps": steps, "strain": strain, "bar_force": bar_force},
+        parameters={"blocks": blocks, "paths": paths, "steps": steps, "strain": strain, "bar_force": tissue.bar_force},
         figures={
             **{name: (compared[name], "1") for name in ("error_p_mech", "error_p_mat", "error_q_mech", "error_q_mat")},
             "normalised_distance": (solved["normalised_distance"], "1"),

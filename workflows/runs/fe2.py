@@ -75,7 +75,7 @@ def fe2(
         "seconds_setup": (ready - begin, "s"),
         "peak_memory": (comm.allreduce(peak_memory(), MPI.MAX), "B"),
     }
-    parameters = {**scene.parameters(), **tissue.as_dict(), "steps": steps}
+    parameters = {**scene.parameters(), "steps": steps, **tissue.as_dict()}
     summary = None
     if comm.rank == 0:
         summary = write_summary(out, command="fe2", parameters=parameters, figures=figures)

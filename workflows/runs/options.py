@@ -18,6 +18,7 @@ import typer
 
 if TYPE_CHECKING:
     from tsg_micro.cells.tissue import Tissue
+    from workflows.runs.scene import Scene
 
 __all__ = [
     "BarForce",
@@ -30,6 +31,7 @@ __all__ = [
     "ElementName",
     "Flat",
     "Group",
+    "HowLoaded",
     "Images",
     "Kinematics",
     "KinematicsName",
@@ -41,8 +43,10 @@ __all__ = [
     "OutFile",
     "OutOrDefault",
     "Plots",
+    "SceneOptions",
     "Strain",
     "TissueOptions",
+    "WantedTissueOptions",
     "grouped",
     "report",
     "say",
@@ -106,6 +110,7 @@ Out = Annotated[Path, typer.Option("--out", help="Output folder.")]
 OutOrDefault = Annotated[Path | None, typer.Option("--out", help="Output folder; one in results if not given.")]
 OutFile = Annotated[Path, typer.Option("--out", help="Output file, .h5.")]
 BarForce = Annotated[float, typer.Option(help="Compression of the bars at rest, f_b, in N.")]
+HowLoaded = Annotated[Load, typer.Option(help="How the top side moves.")]
 Strain = Annotated[float, typer.Option(help="Displacement of the top side over the height of the sheet.")]
 Kinematics = Annotated[KinematicsName, typer.Option(help="Strain of the macroscopic scene: small or finite.")]
 Clamp = Annotated[ClampName, typer.Option(help="Bottom and top hold all of u, or its part in the plane of the sheet.")]
@@ -208,6 +213,59 @@ class CellOptions(Group):
 @dataclass(frozen=True)
 class TissueOptions(CellOptions, _BarForceOption):
     """A cell and the compression of its bars."""
+
+
+@dataclass(frozen=True)
+class WantedTissueOptions(CellOptions):
+    """A tissue that need not be said: data know theirs."""
+
+    bar_force: Annotated[float | None, typer.Option(help="With --adapt: f_b in N, if the data do not say it.")] = None
+
+    def make_if_given(self, *, adapt: bool) -> Tissue | None:
+        """The tissue; None where no option was given.
+
+        Raises:
+            InputError: as :meth:`make`, the cell is given without file or bar force, or nothing asks for it.
+        """
+        from tsg_micro.data.errors import InputError
+
+        names = ", ".join(sorted(self.given - {"bar_force"}))
+        if names and not adapt:
+            raise InputError(f"{names}: expected --adapt with them, got none")
+        if self.given and not self.given & {"bar_force", "tissue"}:
+            raise InputError(f"bar_force: expected a force in N, or --tissue, beside {names}, got neither")
+        return self.make() if self.given else None
+
+
+@dataclass(frozen=True)
+class SceneOptions(Group):
+    """What is loaded on the macroscopic scale, and how."""
+
+    elements: Annotated[tuple[int, int, int] | None, typer.Option(help="Elements along x, y, z; a block each.")] = None
+    mesh: Annotated[Path | None, typer.Option(help="Hexahedral gmsh mesh, sides named bottom and top.")] = None
+    mesh_unit: MeshUnit = "m"
+    merge_nodes: MergeNodes = False
+    load: HowLoaded = Load.stretch
+    strain: Strain = 0.05
+    kinematics: Kinematics = KinematicsName.small
+    clamp: Clamp = ClampName.full
+    degree: Degree = 1
+    element: Element = None
+    flat: Flat = False
+
+    def make(self) -> Scene:
+        """The scene.
+
+        Raises:
+            InputError: a value is not valid.
+        """
+        from workflows.runs.scene import Scene
+
+        values: dict[str, Any] = {}
+        for name in _options(type(self)):
+            value = getattr(self, name)
+            values[name] = value.value if isinstance(value, StrEnum) else value
+        return Scene(**values)
 
 
 def say(text: str) -> None:

@@ -22,7 +22,7 @@ from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.rve import RVE
 from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.continuum.sampling import BOXES, PathData, StrainBox, join_paths, sample_paths
-from tsg_micro.data.dataset import append_dataset, convert_dataset, read_dataset, write_dataset
+from tsg_micro.data.dataset import Dataset, append_dataset, convert_dataset, read_dataset, write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import locked, output_file
 from tsg_micro.data.stress import check_measure
@@ -126,8 +126,31 @@ def sample(
     seconds = time.perf_counter() - begin
     if rank != 0:
         return comm.bcast(None)  # type: ignore[no-any-return]
+    ran = {"processes": (size if comm is not None else processes, ""), "seconds": (seconds, "s")}
+    stored, summary = _store(out, plan, done, ran, stress_measure=stress_measure, append=append)
+    if plots:
+        from tsg_micro.data.figure_style import save_figure
+        from tsg_micro.figures.data import plot_dataset
+
+        save_figure(plot_dataset(stored), out.with_suffix(".png"))
+    if comm is not None:
+        comm.bcast(summary)
+    return summary
+
+
+def _store(
+    out: Path,
+    plan: Plan,
+    done: list[PathData],
+    ran: dict[str, tuple[Any, str]],
+    *,
+    stress_measure: str,
+    append: bool,
+) -> tuple[Dataset, dict[str, Any]]:
+    """What is in the file ``out`` now that the paths are ``done``, and its summary; ``ran`` says on what, how long."""
     made = {**plan.parameters(), **plan.spec.parameters()}
-    dataset = convert_dataset(join_paths(done, seed=seed, parameters=made, versions=versions()), stress_measure)
+    dataset = convert_dataset(join_paths(done, seed=plan.seed, parameters=made, versions=versions()), stress_measure)
+    seconds = ran["seconds"][0]
     failures = sorted(data.failure for data in done if data.failure)
     before: float | None = 0.0
     with locked(out) if append else nullcontext():
@@ -145,25 +168,17 @@ def sample(
             figures={
                 "points": (len(dataset), ""),
                 "points_in_file": (len(stored), ""),
-                "paths": (paths, ""),
+                "paths": (plan.paths, ""),
                 "failed_paths": (len(failures), ""),
                 "failures": (failures[:5], ""),
                 "silent": (stored.silent, ""),
                 "negative_pivots": (max(data.negative_pivots for data in done), ""),
-                "processes": (size if comm is not None else processes, ""),
-                "seconds": (seconds, "s"),
+                **ran,
                 "seconds_in_file": (None if before is None else before + seconds, "s"),
                 "seconds_per_point": (seconds / len(dataset), "s"),
             },
         )
-    if plots:
-        from tsg_micro.data.figure_style import save_figure
-        from tsg_micro.figures.data import plot_dataset
-
-        save_figure(plot_dataset(stored), out.with_suffix(".png"))
-    if comm is not None:
-        comm.bcast(summary)
-    return summary
+    return stored, summary
 
 
 def _seconds_before(out: Path) -> float | None:

@@ -101,16 +101,16 @@ class _Asked:
 
     def parameters(self, dataset: Dataset) -> dict[str, Any]:
         """For the summary."""
-        plan, tissue = self.adaptation, tissue_of(dataset)
+        plan, known = self.adaptation, tissue_of(dataset)
         force = None if self.tissue is None else self.tissue.bar_force
         return {
-            **({} if tissue is None else tissue.as_dict()),
             "data": self.data,
             **self.scene.parameters(),
             "metric": self.metric,
             "order": self.tangents,
             "stress_measure": self.stress_measure,
             "adaptation": None if plan is None else {"bar_force": force, **asdict(plan)},
+            **({} if known is None else known.as_dict()),
             "bar_force": dataset.parameters.get("bar_force"),
         }
 

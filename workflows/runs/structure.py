@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tsg_micro.cells.lattice import box_cells, spheroid_cells
-from tsg_micro.cells.prestress import out_of_balance, prestressed
+from tsg_micro.cells.prestress import force_density_of_cells, out_of_balance, prestressed
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
@@ -42,7 +42,7 @@ def structure(
     where = spheroid_cells(radius) if radius is not None else box_cells(*(cells or (1, 1, 1)))
     built = prestressed(tissue.lattice(where), tissue.cell, tissue.bar_force)
     out = output_folder(out)
-    residual = out_of_balance(built, tissue.cell, tissue.bar_force) / tissue.bar_force
+    residual = out_of_balance(built, force_density_of_cells(built, tissue.cell, tissue.bar_force)) / tissue.bar_force
     states, mechanisms, method = self_stress_counts(built)
     summary = write_summary(
         out,

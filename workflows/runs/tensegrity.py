@@ -44,13 +44,19 @@ class Errors:
 
 
 def check_same_scene(parameters: dict[str, Any], dns: Path, whose: str) -> None:
-    """Raise InputError where ``parameters`` are not of the load, strain and tissue of the run in folder ``dns``."""
+    """Raise InputError where ``parameters`` are not of the load, strain and tissue of the run in folder ``dns``.
+
+    What one of the two does not say of its tissue, as older runs, is not compared.
+    """
     reference = read_summary(dns, "dns")["parameters"]
-    for name in (*SCENE, *_CELLS):
+    for name in SCENE:
         a, b = parameters.get(name), reference.get(name)
-        unknown = (name == "bar_force" and a is None) or (name in _CELLS and None in (a, b))
-        if a != b and not unknown:  # of joined or measured data, and of older runs
+        if a != b and not (name == "bar_force" and a is None):  # None: of joined or measured data
             raise InputError(f"{name}: expected the same in both runs, got {a} in {whose} and {b} in {dns}")
+    for name in _CELLS:
+        a, b = parameters.get(name), reference.get(name)
+        if a is not None and b is not None and a != b:
+            raise InputError(f"tissue, {name}: expected the same in both runs, got {a} in {whose} and {b} in {dns}")
 
 
 def describe(dns: dict[str, Any]) -> str:

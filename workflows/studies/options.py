@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from workflows.runs.options import BarForce, Group, Load, OutOrDefault, Plots, Strain, say
+from workflows.runs.options import BarForce, Group, HowLoaded, Load, OutOrDefault, Plots, Strain, say
 
 if TYPE_CHECKING:
     from workflows.studies.one_load import Study
@@ -51,7 +51,7 @@ class ChainOptions(Group):
 class StudyOptions(Group):
     """A study of one load: its results, and the runs it starts from where they are there already."""
 
-    load: Annotated[Load, typer.Option(help="How the top side moves.")]
+    load: HowLoaded
     out: OutOrDefault = None
     dns: Dns = None
     data: Data = None

@@ -78,7 +78,7 @@ def paper(
         pair = (f"data-{load}", f"dns-{load}")
         study = partial(Study, load=load, chain=chain, dns=dns, data=data, stages=stages, say=say)
         stages.run(f"compare-{load}", runs, partial(compare, dd=dd, dns=dns), (*pair, f"dd-{load}"))
-        sampled = partial(study_sampling, load=load, data=data, dd=dd, bar_force=chain.bar_force, say=say)
+        sampled = partial(study_sampling, load=load, data=data, dd=dd, tissue=chain.tissue, say=say)
         stages.run(f"sampling-{load}", runs, sampled, (f"data-{load}", f"dd-{load}"))
         sized, asked = partial(data_size, count=sizes, draws=draws), {**runs, "sizes": sizes, "draws": draws}
         stages.run(f"data-size-{load}", asked, _of(study, sized), pair)

@@ -39,7 +39,7 @@ def study_sampling(
     dd: Path | None = None,
     paths: int = 1000,
     steps: int = 10,
-    bar_force: float = 1e-8,
+    tissue: Tissue = Tissue(),
     seed: int = 0,
     elements: tuple[int, int] = (30, 15),
     plots: bool = True,
@@ -48,8 +48,8 @@ def study_sampling(
     """Coverage of the data, and the states that a data-driven solution visits, for ``load`` or for both loads.
 
     ``data`` is a data set, ``dd`` a folder made by 'tsgdd solve' with these data; what is not given is made here, in
-    ``out``: ``paths`` paths of ``steps`` points, and a sheet of ``elements`` under 5 % strain. Without ``load`` it is
-    that of the given files, or both where none is given.
+    ``out``: ``paths`` paths of ``steps`` points through an RVE of ``tissue``, and a sheet of ``elements`` under 5 %
+    strain. Without ``load`` it is that of the given files, or both where none is given.
 
     Raises:
         InputError: an argument or a file is not valid, or the solution in ``dd`` is not one with these data.
@@ -62,7 +62,6 @@ def study_sampling(
     solved, given, loads = _inputs(load, data, dd, paths * steps)
     data = Path(solved["parameters"]["data"]) if solved is not None and data is None else data
     load = loads[0] if load is None and (given is not None or solved is not None) else load
-    tissue = Tissue(bar_force=bar_force)
     for name in loads:
         Plan(name, paths, steps, seed, tissue)
     out = output_folder(out)
@@ -89,7 +88,7 @@ def study_sampling(
             "data": data,
             "dd": dd,
             **(
-                {"paths": paths, "steps": steps, "bar_force": bar_force, "seed": seed}
+                {"paths": paths, "steps": steps, "bar_force": tissue.bar_force, "seed": seed}
                 if given is None
                 else {name: given.parameters.get(name) for name in ("paths", "steps", "bar_force", "seed")}
             ),

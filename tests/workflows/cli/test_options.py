@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, fields
 from typing import Annotated
 
+import h5py
+import numpy as np
 import pytest
 import typer
 from typer.testing import CliRunner
@@ -17,6 +19,7 @@ from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.data.dataset import read_dataset
 from workflows.cli.studies import find_studies
 from workflows.runs.options import CellOptions, Group, TissueOptions, grouped
+from workflows.runs.sample import sample
 from workflows.studies import commands
 
 
@@ -182,3 +185,80 @@ def test_a_tissue_that_is_wrong_is_named_in_one_line(command, tsgdd, tmp_path):
         f"tsgdd: {file}: tissue, cell: expected some of half_diagonal, height, E_bar, E_tendon, d_bar, d_tendon, "
         "got hight"
     )
+
+
+SCENE = ("--elements", 3, 3, 1, "--no-plots")
+LARGE = ("--height", 20e-6, "--d-bar", 0.2e-6, "--d-tendon", 2e-6, "--bar-force", 4e-8)
+"""Twice as large, at four times the force: the same material, in blocks of twice the edge."""
+
+
+def test_blocks_of_larger_cells_are_larger_elements(tsgdd, read_summary, tmp_path):
+    """FE2 of the same stress on a sheet of twice the size: four times the force, to round-off of the solver."""
+    force = []
+    for name, options in (("small", ()), ("large", LARGE)):
+        done = tsgdd("fe2", *SCENE, *options, "--out", tmp_path / name)
+        assert done.code == 0, done.err
+        force.append(read_summary(tmp_path / name)["top_force"])
+    assert force[1] == pytest.approx(4.0 * force[0], rel=1e-6)
+
+
+@pytest.fixture(scope="module")
+def soft(tmp_path_factory):
+    """A file of a softer tissue, of cells of another size; data, and adaptive data, of it."""
+    folder = tmp_path_factory.mktemp("soft")
+    tissue = Tissue(CellParameters(E_tendon=5e6, height=12e-6), 2e-8)
+    write_tissue(folder / "T.toml", tissue)
+    sample(folder / "data.h5", load="stretch", paths=10, steps=3, tissue=tissue, processes=1, plots=False)
+    return folder
+
+
+def test_adaptive_data_are_of_the_tissue(soft, tsgdd, read_summary, tmp_path):
+    """Of the file, or of the data that are there; and so is the size of the elements."""
+    adapt = ("solve", *SCENE, "--adapt", "--rve-budget", 4, "--adapt-tolerance", 0.3)
+    for name, options in (("file", ("--tissue", soft / "T.toml")), ("data", ("--data", soft / "data.h5"))):
+        done = tsgdd(*adapt, *options, "--out", tmp_path / name)
+        assert done.code == 0, done.err
+        specs = RVESpec.of(read_dataset(tmp_path / name / "data.h5"))
+        assert {spec.tissue for spec in specs} == {read_tissue(soft / "T.toml")}
+        assert read_summary(tmp_path / name)["parameters"]["cell"]["height"] == 12e-6
+        with h5py.File(tmp_path / name / "quadrature.h5") as file:
+            corners = file["corners"][()]
+        assert np.ptp(corners[..., 0]) == pytest.approx(3 * 24e-6, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (("--adapt", "--e-bar", 2e9), "bar_force: expected a force in N, or --tissue, beside e_bar, got neither"),
+        (("--adapt", "--data", "data.h5", "--bar-force", 1e-8), "bar_force: expected that of the data, 2e-08 N"),
+        (("--adapt", "--data", "data.h5", "--bar-force", 2e-8, "--e-bar", 2e9), "tissue: expected that of the data"),
+        (("--data", "data.h5", "--tissue", "T.toml"), "expected --adapt with them, got none"),
+        (
+            ("--data", "data.h5", "--height", 1e-5, "--d-bar", 1e-7),
+            "d_bar, height: expected --adapt with them, got none",
+        ),
+        (
+            ("--data", "data.h5", "--bar-force", 2e-8),
+            "bar_force, rve_budget, adapt_tolerance: expected --adapt with them",
+        ),
+    ],
+)
+def test_a_tissue_that_the_data_are_not_of(options, text, soft, tsgdd, tmp_path):
+    here = [soft / word if word in ("data.h5", "T.toml") else word for word in options]
+    done = tsgdd("solve", *SCENE, *here, "--out", tmp_path)
+    assert done.code == 2
+    assert text in done.err
+    assert len(done.err.strip().splitlines()) == 1
+
+
+def test_runs_of_two_tissues_are_not_compared(soft, tsgdd, tmp_path):
+    full = ("dns", "--blocks", 3, 3, "--steps", 1, "--no-plots", "--bar-force", 2e-8)
+    assert tsgdd(*full, "--out", tmp_path / "dns").code == 0
+    assert tsgdd("solve", *SCENE, "--data", soft / "data.h5", "--out", tmp_path / "dd").code == 0
+    done = tsgdd("compare", "--dd", tmp_path / "dd", "--dns", tmp_path / "dns", "--no-plots", "--out", tmp_path / "c")
+    assert done.code == 2
+    assert "tissue, cell: expected the same in both runs" in done.err
+    same = tsgdd(*full, "--tissue", soft / "T.toml", "--out", tmp_path / "dns")
+    assert same.code == 0, same.err
+    done = tsgdd("compare", "--dd", tmp_path / "dd", "--dns", tmp_path / "dns", "--no-plots", "--out", tmp_path / "c")
+    assert done.code == 0, done.err

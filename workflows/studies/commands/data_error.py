@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workflows.runs.options import Kinematics, KinematicsName, Load, OutOrDefault, Plots, say
+from workflows.runs.options import HowLoaded, Kinematics, KinematicsName, OutOrDefault, Plots, say
 from workflows.runs.ranks import check_alone
 from workflows.studies.options import ChainOptions
 
@@ -16,7 +16,7 @@ __all__ = ["command"]
 
 def command(
     *,
-    load: Annotated[Load, typer.Option(help="How the top side moves.")],
+    load: HowLoaded,
     out: OutOrDefault = None,
     chain: ChainOptions,
     fe2: Annotated[Path | None, typer.Option(help="Folder of 'tsgdd fe2'; computed here if not given.")] = None,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workflows.runs.options import BarForce, Load, Out, Plots, say
+from workflows.runs.options import Load, Out, Plots, TissueOptions, say
 from workflows.runs.ranks import check_alone
 from workflows.studies.options import Data, Paths, Seed, Steps
 
@@ -22,7 +22,7 @@ def command(
     dd: Annotated[Path | None, typer.Option(help="Folder of 'tsgdd solve'; solved here if not given.")] = None,
     paths: Paths = 1000,
     steps: Steps = 10,
-    bar_force: BarForce = 1e-8,
+    cell: TissueOptions,
     seed: Seed = 0,
     elements: Annotated[tuple[int, int], typer.Option(help="Elements along x and y of the solve.")] = (30, 15),
     plots: Plots = True,
@@ -38,7 +38,7 @@ def command(
         dd=dd,
         paths=paths,
         steps=steps,
-        bar_force=bar_force,
+        tissue=cell.make(),
         seed=seed,
         elements=elements,
         plots=plots,
