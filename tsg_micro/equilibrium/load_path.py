@@ -12,7 +12,7 @@ from tsg_micro.cells.structure import Structure
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.equilibrium.linear_solvers import Choice
 from tsg_micro.equilibrium.members import MACRO, MemberState, MemberSystem
-from tsg_micro.equilibrium.newton import Iteration, NewtonOptions, NewtonSolver
+from tsg_micro.equilibrium.newton import Converged, Iteration, NewtonOptions, NewtonSolver
 from tsg_micro.equilibrium.pressure import PressurisedSystem
 from tsg_micro.equilibrium.surface import Surface
 from tsg_micro.equilibrium.tangent import Border, Tangent
@@ -168,6 +168,12 @@ class EquilibriumSolver:
                 break
             if result.iterations <= _FEW:
                 part = min(1.5 * part, 1.0)
+        return self._equilibrium(result, history, accepted, self.newton.factorisations - before)
+
+    def _equilibrium(
+        self, result: Converged, history: list[Iteration], accepted: int, factorisations: int
+    ) -> Equilibrium:
+        """What the last part of a load ended with, after ``accepted`` parts."""
         negative = result.tangent.negative_pivots if result.tangent else None
         m = self.system.nodal_size
         balance = result.gradient + self.newton.border.constraint.T @ result.multipliers
@@ -180,7 +186,7 @@ class EquilibriumSolver:
             macro_force=balance[m:].reshape(3, 3),
             residual=result.residual,
             iterations=len(history),
-            factorisations=self.newton.factorisations - before,
+            factorisations=factorisations,
             load_steps=accepted,
             negative_pivots=negative,
             slack=int((result.state.stiffness == 0.0).sum()),
