@@ -4,6 +4,9 @@ The job as a chain: structure -> prestress -> equilibrium -> homogenise, RVE -> 
 SI units throughout; strain and stress vectors are Mandel (tsg_micro.data.mandel).
 """
 
+from tsg_micro.bodies.cell import indent_cell
+from tsg_micro.bodies.sheet import ClampedSheet, Sheet, stretch_sheet
+from tsg_micro.bodies.spheroid import build_spheroid, compress_spheroid
 from tsg_micro.cells.lattice import box_cells, lattice, side_nodes, spheroid_cells
 from tsg_micro.cells.laws.linear import Linear, NoCompression
 from tsg_micro.cells.member_law import MemberLaw, Members, member_law
@@ -45,6 +48,7 @@ __all__ = [
     "RVE",
     "BlockFields",
     "CellParameters",
+    "ClampedSheet",
     "ConvergenceError",
     "Dataset",
     "Equilibrium",
@@ -60,6 +64,7 @@ __all__ = [
     "RVESpec",
     "RVEState",
     "SelfStress",
+    "Sheet",
     "StrainBox",
     "Structure",
     "Tissue",
@@ -68,11 +73,14 @@ __all__ = [
     "block_fields",
     "box_cells",
     "build_rve",
+    "build_spheroid",
     "cell_gradient",
+    "compress_spheroid",
     "convert_dataset",
     "equilibrium_matrix",
     "from_arrays",
     "from_mandel",
+    "indent_cell",
     "join_datasets",
     "join_paths",
     "kirchhoff_stress",
@@ -87,6 +95,7 @@ __all__ = [
     "side_nodes",
     "spheroid_cells",
     "strain_path",
+    "stretch_sheet",
     "take",
     "to_mandel",
     "unit_cell",

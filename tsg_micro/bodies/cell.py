@@ -21,7 +21,7 @@ from tsg_micro.continuum.response import compressed_tendons, face_rotation, stif
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.equilibrium.load_path import Equilibrium, EquilibriumSolver
 
-__all__ = ["TOPS", "Indentation", "check_top", "indent"]
+__all__ = ["TOPS", "Indentation", "check_top", "indent_cell"]
 
 Array = NDArray[np.float64]
 TOPS = ("free", "guided")
@@ -92,7 +92,7 @@ def check_top(top: str) -> None:
         raise InputError(f"top: expected {' or '.join(TOPS)}, got {top!r}")
 
 
-def indent(tissue: Tissue, forces: Sequence[float] | Array, *, top: str = "free") -> Indentation:
+def indent_cell(tissue: Tissue, forces: Sequence[float] | Array, *, top: str = "free") -> Indentation:
     """Press one cell down with rising ``forces`` (k,), N, from rest.
 
     In between the force grows by no more than would sink the cell by 3 % of its height if its stiffness stayed as it

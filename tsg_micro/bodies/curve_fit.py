@@ -15,8 +15,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tsg_micro.bodies.cell import check_top, indent
-from tsg_micro.bodies.sheet import Sheet, stretch
+from tsg_micro.bodies.cell import check_top, indent_cell
+from tsg_micro.bodies.sheet import Sheet, stretch_sheet
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.data.errors import ConvergenceError, InputError
 
@@ -82,8 +82,8 @@ class Model:
         """
         rising, place = np.unique(load, return_inverse=True)
         if self.scene == "cell":
-            return indent(self.tissue, rising, top=self.top).displacement[1:][place]
-        return np.array(stretch(Sheet(self.blocks, 1, self.tissue), rising).column("nominal_stress"))[1:][place]
+            return indent_cell(self.tissue, rising, top=self.top).displacement[1:][place]
+        return np.array(stretch_sheet(Sheet(self.blocks, 1, self.tissue), rising).column("nominal_stress"))[1:][place]
 
 
 @dataclass(frozen=True)

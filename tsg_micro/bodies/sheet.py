@@ -25,7 +25,7 @@ from tsg_micro.equilibrium.load_path import Equilibrium, EquilibriumSolver
 from tsg_micro.equilibrium.members import MACRO, MemberState
 from tsg_micro.equilibrium.newton import NewtonOptions
 
-__all__ = ["STRETCH", "ClampedSheet", "Motion", "Sheet", "SheetStep", "Stretch", "memory_needed", "stretch"]
+__all__ = ["STRETCH", "ClampedSheet", "Motion", "Sheet", "SheetStep", "Stretch", "memory_needed", "stretch_sheet"]
 
 Array = NDArray[np.float64]
 Motion = tuple[float, float, float]
@@ -194,7 +194,7 @@ class Stretch:
         return float(0.5 * (u[left].max() - u[right].min()))
 
 
-def stretch(
+def stretch_sheet(
     sheet: Sheet,
     strains: Sequence[float] | Array,
     *,

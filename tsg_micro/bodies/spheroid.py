@@ -31,7 +31,15 @@ from tsg_micro.equilibrium.rigid import rigid_border
 from tsg_micro.equilibrium.surface import Surface, enclosed_volume, outer_surface
 from tsg_micro.equilibrium.tangent import lowest_stiffness
 
-__all__ = ["LOADS", "Compression", "Spheroid", "SpheroidState", "build_spheroid", "check_spheroid_load", "compress"]
+__all__ = [
+    "LOADS",
+    "Compression",
+    "Spheroid",
+    "SpheroidState",
+    "build_spheroid",
+    "check_spheroid_load",
+    "compress_spheroid",
+]
 
 Array = NDArray[np.float64]
 LOADS = {"pressure": "Pa", "displacement": "1"}
@@ -138,7 +146,7 @@ class Compression:
         return [core_over_rim(self.body.r, getattr(record.stress, stress)) for record in self.records[1:]]
 
 
-def compress(
+def compress_spheroid(
     body: Spheroid,
     load: str,
     levels: Array,

@@ -23,6 +23,7 @@ from tsg_micro.data.figure_style import MICRO, STYLE, finite, new_figure
 __all__ = [
     "FORCE",
     "cased_lines",
+    "force_scale",
     "frame",
     "member_segments",
     "plot_sheet",
@@ -61,10 +62,8 @@ def plot_sheet(structure: Structure, displacement: Array, force: Array) -> Figur
     side = min(2.6 * block, *(0.6 * (high - low)))
     window_high = high + 0.03 * side  # the corner next to its enlargement
     aspect = float(np.clip((high - low)[0] / (high - low)[1], 0.25, 4.0))
-    top = float(np.percentile(np.abs(force), 98)) or 1.0
-    scale = ScalarMappable(Normalize(-top, top), FORCE)
+    scale, extend = force_scale(force)
     colour = scale.to_rgba(force)[:, :3]
-    extend = (("neither", "max"), ("min", "both"))[bool(force.min() < -top)][bool(force.max() > top)]
     with mpl.rc_context(STYLE):
         height = float(np.clip(9.5 / aspect, 3.4, 7.0))
         figure = new_figure(height * (aspect + 1.0) + 2.2, height + 0.7)
@@ -91,6 +90,18 @@ def plot_sheet(structure: Structure, displacement: Array, force: Array) -> Figur
         cax = grid[1].inset_axes((1.04, 0.0, 0.05, 1.0))
         figure.colorbar(scale, cax=cax, label="member force / nN", extend=extend)
     return figure
+
+
+def force_scale(*forces: Array, room: float = 0.0) -> tuple[ScalarMappable, str]:
+    """One scale of colours for member forces (m,) in nN, to the 98th percentile of their size.
+
+    And which of its ends are exceeded, by more than ``room`` of it.
+    """
+    everything = np.concatenate(forces)
+    top = float(np.percentile(np.abs(everything), 98)) or 1.0
+    beyond = top * (1.0 + room)
+    extend = (("neither", "max"), ("min", "both"))[bool(everything.min() < -beyond)][bool(everything.max() > beyond)]
+    return ScalarMappable(Normalize(-top, top), FORCE), extend
 
 
 def member_segments(structure: Structure, displacement: Array | None) -> Array:

@@ -17,7 +17,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize, to_rgb
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
@@ -27,7 +27,7 @@ from tsg_micro.cells.structure import Structure
 from tsg_micro.cells.unit_cell import KINDS
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.figure_style import MICRO, STYLE, finite, new_figure
-from tsg_micro.figures.sheet import FORCE, cased_lines, frame, member_segments, scale_bar, triad
+from tsg_micro.figures.sheet import cased_lines, force_scale, frame, member_segments, scale_bar, triad
 
 __all__ = ["RENDERERS", "View", "choose_renderer", "plot_structure", "plot_views"]
 
@@ -155,10 +155,7 @@ def _colours(structure: Structure, forces: list[Array | None]) -> tuple[list[Arr
     given = [force for force in forces if force is not None]
     if not given:
         return [np.array([to_rgb(c) for c in _COLOURS])[structure.kind]] * len(forces), None, "neither"
-    everything = np.concatenate(given)
-    top = float(np.percentile(np.abs(everything), 98)) or 1.0
-    mappable, beyond = ScalarMappable(Normalize(-top, top), FORCE), top * (1 + 1e-3)
-    extend = (("neither", "max"), ("min", "both"))[bool(everything.min() < -beyond)][bool(everything.max() > beyond)]
+    mappable, extend = force_scale(*given, room=1e-3)
     return [mappable.to_rgba(force)[:, :3] for force in given], mappable, extend
 
 

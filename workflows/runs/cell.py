@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tsg_micro.bodies.cell import Indentation, check_top, indent
+from tsg_micro.bodies.cell import Indentation, check_top, indent_cell
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
@@ -78,7 +78,7 @@ def cell(
     begin = time.perf_counter()
     results = []
     for one in tissues:
-        last = indent(one, force * np.arange(1, steps + 1) / steps, top=top)
+        last = indent_cell(one, force * np.arange(1, steps + 1) / steps, top=top)
         results.append(last)
         say(
             f"bar force {1e9 * one.bar_force:g} nN: sinks {1e6 * last.displacement[-1]:.3f} µm under "

@@ -9,9 +9,7 @@ import matplotlib as mpl
 import meshio
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -21,7 +19,7 @@ from tsg_micro.cells.unit_cell import BAR
 from tsg_micro.data.dataset import convert_dataset, read_dataset
 from tsg_micro.data.figure_style import STYLE, colour_bar, draw_field, new_figure
 from tsg_micro.data.mandel import pressure
-from tsg_micro.figures.sheet import FORCE
+from tsg_micro.figures.sheet import force_scale
 
 __all__ = ["plot_demo"]
 
@@ -79,8 +77,7 @@ def _draw_members(figure: Figure, axes: Axes, path: Path) -> None:
     near = (ends[..., :2].max(axis=1) > low[:2]).all(axis=1)
     order = np.flatnonzero(near)[np.argsort(ends[near][..., 2].mean(axis=1))]
     bars = kind[order] == BAR
-    top = float(np.percentile(np.abs(force), 98))
-    scale = ScalarMappable(Normalize(-top, top), FORCE)
+    scale, _ = force_scale(force)
     lines = LineCollection(
         list(ends[order][..., :2]),
         colors=scale.to_rgba(force[order]),

@@ -17,8 +17,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from tsg_micro.bodies.cell import indent
-from tsg_micro.bodies.sheet import Sheet, Stretch, stretch
+from tsg_micro.bodies.cell import indent_cell
+from tsg_micro.bodies.sheet import Sheet, Stretch, stretch_sheet
 from tsg_micro.bodies.sheet_means import CellStrain, cell_strain, histogram_edges
 from tsg_micro.cells.structure import Structure
 from tsg_micro.cells.tissue import Tissue
@@ -93,13 +93,13 @@ def monolayer(
         if series and (step % write_every == 0 or step == steps):
             series.add(step, structure, state)
 
-    result = stretch(sheet, strains, say=say, record=record)
+    result = stretch_sheet(sheet, strains, say=say, record=record)
     seconds = time.perf_counter() - begin
     cells = cell_strain(result)
     _write_cells(out / "cells.h5", cells)
     modulus = _cell_modulus(tissue)
-    sizes = [stretch(one, strains) for one in smaller]
-    others = [(stretch(one, strains), _cell_modulus(one.tissue)) for one in other]
+    sizes = [stretch_sheet(one, strains) for one in smaller]
+    others = [(stretch_sheet(one, strains), _cell_modulus(one.tissue)) for one in other]
     figures = _figures(result, cells, modulus) | {
         "convergence": ([_row(other) | _differences(other, result) for other in sizes], "SI"),
         "band": ([_row(other) | {"cell_apparent_modulus": one} | _ratios(other, one) for other, one in others], "SI"),
@@ -135,7 +135,7 @@ def _draw(
 
 def _cell_modulus(tissue: Tissue) -> float:
     """Apparent modulus, Pa, of one cell under INDENTATION."""
-    return indent(tissue, INDENTATION * np.array([0.25, 0.5, 0.75, 1.0])).apparent_modulus
+    return indent_cell(tissue, INDENTATION * np.array([0.25, 0.5, 0.75, 1.0])).apparent_modulus
 
 
 def _row(result: Stretch) -> dict[str, Any]:

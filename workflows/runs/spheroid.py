@@ -17,7 +17,7 @@ from tsg_micro.bodies.spheroid import (
     Spheroid,
     build_spheroid,
     check_spheroid_load,
-    compress,
+    compress_spheroid,
 )
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.response import compressed_tendons
@@ -73,7 +73,7 @@ def spheroid(
     body = build_spheroid(tissue, radius=radius, profile=profile, decay=decay)
     out = output_folder(out)
     levels = level * np.arange(1, steps + 1) / steps
-    result = compress(body, load, levels, linear_solver=linear_solver, say=say)
+    result = compress_spheroid(body, load, levels, linear_solver=linear_solver, say=say)
     reached = result.records[-1].level
     stiffness = result.lowest_stiffness() if reached < level else None
     seconds = time.perf_counter() - begin

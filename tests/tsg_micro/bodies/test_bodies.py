@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tsg_micro.bodies.cell import indent
-from tsg_micro.bodies.sheet import STRETCH, ClampedSheet, Sheet, stretch
+from tsg_micro.bodies.cell import indent_cell
+from tsg_micro.bodies.sheet import STRETCH, ClampedSheet, Sheet, stretch_sheet
 from tsg_micro.bodies.sheet_means import cell_strain, row_balance
-from tsg_micro.bodies.spheroid import build_spheroid, compress
+from tsg_micro.bodies.spheroid import build_spheroid, compress_spheroid
 from tsg_micro.cells.laws.linear import LINEAR, NoCompression
 from tsg_micro.cells.parameters import CellParameters
 from tsg_micro.cells.tissue import UNIT_CELLS, Tissue
@@ -76,7 +76,7 @@ def test_a_flat_sheet_needs_no_force_to_be_flat():
 def test_the_mirror_image_of_a_cell_answers_alike(monkeypatch):
     monkeypatch.setitem(UNIT_CELLS, "mirrored", lambda r: unit_cell(r, mirrored=True))
     other = dataclasses.replace(TISSUE, unit="mirrored")
-    pressed, mirrored = (indent(tissue, [1e-9, 3e-9]) for tissue in (TISSUE, other))
+    pressed, mirrored = (indent_cell(tissue, [1e-9, 3e-9]) for tissue in (TISSUE, other))
     np.testing.assert_allclose(mirrored.displacement, pressed.displacement, rtol=1e-9, atol=1e-18)
     np.testing.assert_allclose(mirrored.twist_angle, pressed.twist_angle, rtol=1e-9)
     # seen from below, a sheet of one layer is that of the mirror images; one of two layers is its own mirror image
@@ -96,7 +96,7 @@ def test_the_law_of_the_members_is_that_of_the_tissue():
 
 
 def test_larger_cells_of_the_same_shape_have_the_same_stress():
-    small, large = (stretch(Sheet((2, 1), 1, tissue), [0.05, 0.1]) for tissue in (TISSUE, LARGER))
+    small, large = (stretch_sheet(Sheet((2, 1), 1, tissue), [0.05, 0.1]) for tissue in (TISSUE, LARGER))
     for name in ("nominal_stress", "tangent_modulus"):
         assert large.column(name)[1:] == pytest.approx(small.column(name)[1:], rel=1e-7)
     a, b = cell_strain(small), cell_strain(large)
@@ -105,13 +105,13 @@ def test_larger_cells_of_the_same_shape_have_the_same_stress():
     assert large.edge_contraction == pytest.approx(FACTOR * small.edge_contraction, rel=1e-7)
 
     forces = np.array([1e-9, 3e-9])
-    pressed, deeper = indent(TISSUE, forces), indent(LARGER, FACTOR**2 * forces)
+    pressed, deeper = indent_cell(TISSUE, forces), indent_cell(LARGER, FACTOR**2 * forces)
     assert deeper.apparent_modulus == pytest.approx(pressed.apparent_modulus, rel=1e-7)
     np.testing.assert_allclose(deeper.displacement, FACTOR * pressed.displacement, rtol=1e-7, atol=1e-18)
     np.testing.assert_allclose(deeper.twist_angle, pressed.twist_angle, rtol=1e-9)
 
     balls = [build_spheroid(tissue, radius=1.0, profile="linear", decay=1.0) for tissue in (TISSUE, LARGER)]
-    ends = [compress(ball, "pressure", np.array([20.0, 40.0])).records[-1] for ball in balls]
+    ends = [compress_spheroid(ball, "pressure", np.array([20.0, 40.0])).records[-1] for ball in balls]
     assert [end.level for end in ends] == [40.0, 40.0]
     assert [end.mean_pressure for end in ends] == pytest.approx([40.0, 40.0], rel=1e-6)
     np.testing.assert_allclose(ends[1].stress.cauchy, ends[0].stress.cauchy, rtol=1e-6)
