@@ -21,7 +21,7 @@ from tsg_micro.data.mandel import BASIS
 __all__ = ["CellShapes", "CondensedMatrix"]
 
 Array = NDArray[np.float64]
-_CHUNK = 256  # cells whose matrices are made at once: what they need stays in the cache
+_CHUNK = 64  # cells whose matrices are made at once: what they need stays in the cache
 _SAME = 1e-12  # of the size of the largest cell, below which corners count as equal
 
 
