@@ -17,6 +17,7 @@ def tissue():
     """The tangent at rest of bulk tissue, as a metric."""
     rve = tsg.build_rve(bar_force=1e-8, periodic=(True, True, True), free=())
     C = rve.solve_strain(np.zeros(6)).tangent
+    assert C is not None
     return dd.Metric(0.5 * (C + C.T), "bulk tissue at rest")
 
 
