@@ -6,6 +6,8 @@ Element matrices are made in NumPy for many cells at once, those of one modulus 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import dolfinx
 import dolfinx.fem.petsc
 import numpy as np
@@ -16,57 +18,65 @@ from petsc4py import PETSc
 from dd_macro.scene.spaces import Stiffness, StrainOperator, stiffness_form
 from tsg_micro.data.mandel import BASIS
 
-__all__ = ["CondensedMatrix"]
+__all__ = ["CellShapes", "CondensedMatrix"]
 
 Array = NDArray[np.float64]
-_CHUNK = 256  # cells whose matrices are made at once: what they need stays in the cache
-_SAME = 1e-12  # of the size of a cell, below which corners count as equal
+_CHUNK = 64  # cells whose matrices are made at once: what they need stays in the cache
+_SAME = 1e-12  # of the size of the largest cell, below which corners count as equal
+
+
+@dataclass(frozen=True)
+class CellShapes:
+    """Cells of equal shape are of one ``kind`` (cells,); ``weights`` (kinds, points) in m^3.
+
+    ``gradients`` (kinds, points, 11, 3) in 1/m are those of the eight nodal functions and of the three inner ones.
+    """
+
+    kind: NDArray[np.int64]
+    gradients: Array
+    weights: Array
+
+    @classmethod
+    def of(cls, operator: StrainOperator, inner: Array) -> CellShapes:
+        """Of the cells of ``operator``, and of gradients ``inner`` (cells, points, 3, 3) of the inner functions."""
+        cells = operator.domain.owned_cells
+        offsets = operator.cell_corners - operator.cell_corners[:, :1]
+        size = operator.comm.allreduce(float(np.abs(offsets).max(initial=0.0)), MPI.MAX)
+        rounded = np.rint(offsets / (_SAME * size)).reshape(cells, 24).astype(np.int64)
+        _, first, kind = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+        gradients = np.concatenate([operator.shape_gradients(first), inner[first]], axis=2)
+        return cls(kind, gradients, operator.weights.reshape(cells, operator.points_per_cell)[first])
 
 
 class CondensedMatrix(Stiffness):
-    """Condensed K = sum w [B M]^T C [B M]; one sparsity pattern, assembled again and again.
+    """Condensed K = sum w [B M]^T C [B M] of the trilinear space of ``operator``; it is assembled again and again."""
 
-    Args:
-        operator: the mesh and the trilinear space.
-        inner: gradients g_b (cells, points, 3, 3) in 1/m of the three inner functions.
-    """
-
-    def __init__(self, operator: StrainOperator, inner: Array) -> None:
+    def __init__(self, operator: StrainOperator, shapes: CellShapes) -> None:
         super().__init__(dolfinx.fem.petsc.create_matrix(stiffness_form(operator, np.eye(6))))
-        cells = operator.domain.owned_cells
-        self._dofs = np.ascontiguousarray(operator.displacements.dofmap.list[:cells])
+        self._shapes = shapes
+        self._dofs = np.ascontiguousarray(operator.displacements.dofmap.list[: operator.domain.owned_cells])
         self._nodes = operator.owned_nodes
         self._ghosted = dolfinx.fem.Function(operator.displacements)
-        corners = operator.cell_corners
-        offsets = corners - corners[:, :1]
-        size = np.abs(offsets).max(axis=(1, 2), keepdims=True)
-        scale = operator.comm.allreduce(float(size.max(initial=0.0)), MPI.MAX) * _SAME
-        _, first, self._kind = np.unique(
-            np.rint(offsets / scale).reshape(cells, 24).astype(np.int64), axis=0, return_index=True, return_inverse=True
-        )
-        self._gradients = np.concatenate([operator.shape_gradients(first), inner[first]], axis=2)
-        self._weights = operator.weights.reshape(cells, operator.points_per_cell)[first]
-        self._back = np.zeros((0, 9, 24))
-        self._inverse = np.zeros((0, 9, 9))
-        self._place = self._kind
+        self._back, self._inverse = np.zeros((0, 9, 24)), np.zeros((0, 9, 9))
+        self._place = shapes.kind
 
     def assemble(self, C: Array) -> PETSc.Mat:
         """``matrix`` with the moduli C in Pa, (n, 6, 6) or (n, 15, 15), or one (6, 6) for all points; symmetric."""
         self.matrix.zeroEntries()
-        cells, (kinds, points) = len(self._dofs), self._weights.shape
+        cells, (kinds, points) = len(self._dofs), self._shapes.weights.shape
         alike = C.ndim == 2 and kinds <= _CHUNK  # cells of one kind have one matrix
         per_cell = np.broadcast_to(C, (cells, points, *C.shape)) if C.ndim == 2 else C
         per_cell = per_cell.reshape(cells, points, *C.shape[-2:])
         if alike:
-            self._place = self._kind
+            self._place = self._shapes.kind
             K, self._back, self._inverse = self._condensed(per_cell[:kinds], np.arange(kinds))
         else:
             self._place = np.arange(cells)
             self._back, self._inverse = np.empty((cells, 9, 24)), np.empty((cells, 9, 9))
         for some in (slice(begin, begin + _CHUNK) for begin in range(0, cells, _CHUNK)):
             if not alike:
-                K, self._back[some], self._inverse[some] = self._condensed(per_cell[some], self._kind[some])
-            values = K[self._kind[some]] if alike else K
+                K, self._back[some], self._inverse[some] = self._condensed(per_cell[some], self._shapes.kind[some])
+            values = K[self._shapes.kind[some]] if alike else K
             dofs = self._dofs[some]
             self.matrix.setValuesBlockedLocalRCV(dofs, dofs, values.reshape(len(dofs), -1), PETSc.InsertMode.ADD_VALUES)
         self.matrix.assemble()
@@ -93,10 +103,10 @@ class CondensedMatrix(Stiffness):
 
     def _condensed(self, C: Array, kind: NDArray[np.int64]) -> tuple[Array, Array, Array]:
         """Condensed K (k, 24, 24), K_aa^-1 K_au (k, 9, 24) and K_aa^-1 (k, 9, 9) of the moduli C (k, points, ...)."""
-        kind = kind[:1] if len(self._weights) == 1 else kind  # one for all
-        gradients, k = self._gradients[kind], len(C)
+        kind = kind[:1] if len(self._shapes.weights) == 1 else kind  # one for all
+        gradients, k = self._shapes.gradients[kind], len(C)
         N = _mandel(gradients) if C.shape[-1] == 6 else _gradient_and_mandel(gradients)
-        CN = (self._weights[kind][..., None, None] * C) @ N
+        CN = (self._shapes.weights[kind][..., None, None] * C) @ N
         rows = C.shape[1] * C.shape[2]
         K = N.reshape(len(kind), rows, 33).swapaxes(1, 2) @ CN.reshape(k, rows, 33)
         inverse = np.linalg.inv(K[:, 24:, 24:])

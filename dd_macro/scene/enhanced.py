@@ -17,11 +17,13 @@ solves for it condenses a in the elements (dd_macro.scene.condensation).
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import basix
 import numpy as np
 from numpy.typing import NDArray
 
-from dd_macro.scene.condensation import CondensedMatrix
+from dd_macro.scene.condensation import CellShapes, CondensedMatrix
 from dd_macro.scene.kinematics import FiniteStrain, Kinematics, second_piola
 from dd_macro.scene.mesh import TaggedMesh
 from dd_macro.scene.spaces import GradientOperator, Stiffness, StrainOperator
@@ -85,9 +87,14 @@ class _Enhanced(StrainOperator):
         """Number of unknowns that this rank owns: components of the displacement, and nine of each cell."""
         return super().owned_dofs + self.modes.size
 
+    @cached_property
+    def shapes(self) -> CellShapes:
+        """The cells by their shape; collective when first asked for."""
+        return CellShapes.of(self, self.modes.gradients)
+
     def stiffness(self, C: Array | None = None) -> Stiffness:
         """The condensed matrix, assembled with the modulus ``C`` (6, 6) in Pa if there is one."""
-        matrix = CondensedMatrix(self, self.modes.gradients)
+        matrix = CondensedMatrix(self, self.shapes)
         if C is not None:
             matrix.assemble(C)
         return matrix
