@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workflows.runs.options import CellOptions, Out, Plots, TissueOptions, grouped, report, say
+from workflows.runs.options import CellOptions, Out, Plots, TableOptions, TissueOptions, grouped, report, say
 from workflows.runs.ranks import check_alone
 
 __all__ = ["bodies"]
@@ -135,6 +135,7 @@ def calibrate(
     ),
     top: Top = "free",
     save_tissue: Annotated[Path | None, typer.Option(help="Write the fitted tissue there, TOML, for --tissue.")] = None,
+    table: TableOptions,
     plots: Plots = True,
 ) -> None:
     """Fit parameters to a measured curve, and say how well each is determined."""
@@ -149,6 +150,7 @@ def calibrate(
         fit=[*fit, *(more or [])],
         model=model,
         column=column or [],
+        layout=table.make(),
         save_tissue=save_tissue,
         plots=plots,
     )

@@ -18,6 +18,7 @@ import typer
 
 if TYPE_CHECKING:
     from tsg_micro.cells.tissue import Tissue
+    from tsg_micro.data.table import Layout
 
 __all__ = [
     "BarForce",
@@ -42,6 +43,7 @@ __all__ = [
     "OutOrDefault",
     "Plots",
     "Strain",
+    "TableOptions",
     "TissueOptions",
     "grouped",
     "report",
@@ -208,6 +210,28 @@ class CellOptions(Group):
 @dataclass(frozen=True)
 class TissueOptions(CellOptions, _BarForceOption):
     """A cell and the compression of its bars."""
+
+
+@dataclass(frozen=True)
+class TableOptions(Group):
+    """How the numbers of a CSV file are written, as far as it cannot be seen."""
+
+    delimiter: Annotated[
+        str | None, typer.Option(help="What parts the cells: comma, semicolon, tab or blank; seen if not given.")
+    ] = None
+    decimal: Annotated[str, typer.Option(help="Decimal sign of the numbers, . or a comma.")] = "."
+    comment: Annotated[str, typer.Option(help="Lines that begin with it do not count.")] = "#"
+    skip: Annotated[int, typer.Option(help="Lines above the headers that do not count.")] = 0
+
+    def make(self) -> Layout:
+        """The layout.
+
+        Raises:
+            InputError: a value is not valid.
+        """
+        from tsg_micro.data.table import Layout
+
+        return Layout(self.delimiter, self.decimal, self.comment, self.skip)
 
 
 def say(text: str) -> None:
