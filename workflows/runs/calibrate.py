@@ -77,9 +77,10 @@ def calibrate(
     begin = time.perf_counter()
     found = fit_curve(model, names, load, answer)
     seconds = time.perf_counter() - begin
+    intervals = [None] * len(names) if found.interval is None else found.interval.tolist()
     fitted = {
-        name: {"value": value, "interval": list(interval), "unit": PARAMETERS[name].unit}
-        for name, value, interval in zip(names, found.values.tolist(), found.interval.tolist(), strict=True)
+        name: {"value": value, "interval": interval, "unit": PARAMETERS[name].unit}
+        for name, value, interval in zip(names, found.values.tolist(), intervals, strict=True)
     }
     summary = write_summary(
         out,
