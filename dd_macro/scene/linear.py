@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 
 DIRECT_BELOW = 200_000
 """Number of unknowns up to which the default solver is a factorisation."""
+_RESIDUAL, _ROUND_OFF = 1e-6, 1e-13
+"""Of the right side, and of K x; Euclidean norms."""
 
 
 class LinearSolver:
@@ -51,6 +53,7 @@ class LinearSolver:
         self._rows = (np.flatnonzero(fixed) + K.getOwnershipRange()[0]).astype(PETSc.IntType)
         self._kind = PETSc.Mat.Option.SPD if definite else PETSc.Mat.Option.SYMMETRIC
         self._x, self._b = K.createVecs()
+        self._r = self._b.duplicate()
         x = K.createVecLeft()
         x.setBlockSize(3)
         x.array[:] = operator.node_coordinates().reshape(-1)
@@ -85,7 +88,7 @@ class LinearSolver:
         """The unknowns for the forces ``right_side`` on them, whose prescribed components do not count.
 
         Raises:
-            ConvergenceError: the solver fails.
+            ConvergenceError: the solver fails, or its solution does not solve the system.
         """
         self._b.array[:] = np.where(self._fixed, 0.0, self._stiffness.condense(right_side))
         try:
@@ -96,7 +99,22 @@ class LinearSolver:
                 f"linear solver {self.name}: stopped after {self._ksp.getIterationNumber()} iterations, "
                 f"PETSc reason {reason}"
             ) from None
+        self._check_residual()
         return self._stiffness.expand(np.where(self._fixed, 0.0, self._x.array), right_side)
+
+    def _check_residual(self) -> None:
+        """Raise ConvergenceError, on all ranks, where K x is not b: options may ask for what solves nothing."""
+        K, r = self.matrix, self._r
+        K.mult(self._x, r)
+        r.axpy(-1.0, self._b)
+        off, size = r.norm(), self._b.norm()
+        # a factorisation of a badly conditioned K is right to round-off of K x
+        if off <= _RESIDUAL * size or off <= _ROUND_OFF * K.norm(PETSc.NormType.INFINITY) * self._x.norm():
+            return
+        raise ConvergenceError(
+            f"linear solver {self.name}: expected a residual below {_RESIDUAL:.0e} of the right side, got "
+            f"{off / size if size else off:.1e}; do the options in PETSC_OPTIONS ask for it?"
+        )
 
     @property
     def negative_pivots(self) -> int | None:

@@ -24,7 +24,7 @@ from tsg_micro.continuum.radial_profiles import (
     radial_stress,
 )
 from tsg_micro.data.errors import ConvergenceError, InputError
-from tsg_micro.data.measured import Column, read_numbers
+from tsg_micro.data.table import Column, read_numbers
 from tsg_micro.equilibrium.load_path import Equilibrium, EquilibriumSolver
 from tsg_micro.equilibrium.newton import NewtonOptions
 from tsg_micro.equilibrium.rigid import rigid_border

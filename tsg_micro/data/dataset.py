@@ -65,6 +65,7 @@ _SHAPES: dict[str, tuple[int, ...]] = {
     "midpoint": (3,),
 }
 _REQUIRED = ("strain", "stress", "path", "step")
+_LARGEST = 1e60  # products of a few of them are still numbers
 _ROUND_OFF = 1e-9  # of the largest strain or stress
 
 
@@ -114,6 +115,12 @@ class Dataset:
                 raise InputError(
                     f"data set, {name}: expected finite numbers, got NaN or infinity at {bad.size} points "
                     f"(first at index {bad[0]})"
+                )
+            if np.abs(array).max() > _LARGEST:
+                largest = np.abs(array).reshape(n, -1).max(axis=1)
+                raise InputError(
+                    f"data set, {name}: expected numbers below {_LARGEST:.0e}, got {largest.max():.3g} at index "
+                    f"{largest.argmax()}"
                 )
         if self.deformation_gradient is not None and not (np.linalg.det(self.deformation_gradient) > 0.0).all():
             raise InputError("data set, deformation_gradient: expected det F > 0 at every point")

@@ -2,15 +2,13 @@
 
 A component is named by its tensor entry: ``eps_xx`` .. ``eps_xy`` (tensor strain), ``gamma_yz`` .. ``gamma_xy``
 (engineering shear, gamma = 2 eps) and ``sigma_xx`` .. ``sigma_xy``, in the order of the Mandel vector. The first line
-of the file holds the headers; cells are parted by commas, semicolons or tabs.
+of the file holds the headers; how the table may be written says tsg_micro.data.table.
 """
 
 from __future__ import annotations
 
-import csv
-import math
 from collections.abc import Collection, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +18,9 @@ from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import COMPONENTS, to_mandel
 from tsg_micro.data.stress import check_measure
+from tsg_micro.data.table import COUNTERS, Column, Layout, read_numbers
 
-__all__ = ["STRAIN_UNITS", "STRESS_UNITS", "Column", "parse_columns", "read_csv", "read_headers", "read_numbers"]
+__all__ = ["STRAIN_UNITS", "STRESS_UNITS", "Column", "parse_columns", "read_csv"]
 
 Array = NDArray[np.float64]
 
@@ -40,17 +39,9 @@ STRESS_UNITS = {
 }
 """Factors to Pa."""
 
+_LARGEST_STRESS = 1e13  # Pa, some times the modulus of diamond
 _ENTRIES = [f"{quantity}_{ij}" for quantity in ("eps", "sigma") for ij in COMPONENTS]
 _GAMMA = {f"gamma_{ij}": f"eps_{ij}" for ij in COMPONENTS[3:]}
-_COUNTERS = ("path", "step")
-
-
-@dataclass(frozen=True)
-class Column:
-    """Where a component stands in the file: the header of its column, and the unit of the numbers below."""
-
-    header: str
-    unit: str
 
 
 def read_csv(
@@ -60,6 +51,7 @@ def read_csv(
     zero: Collection[str] = (),
     silent: Collection[str] = (),
     stress_measure: str,
+    layout: Layout | None = None,
     versions: Mapping[str, str] | None = None,
 ) -> Dataset:
     """Read measured data; each line of the file is one point.
@@ -74,28 +66,31 @@ def read_csv(
         silent: names among xx .. xy whose strain and stress are 0 because nothing drove them (tsg_micro.data.dataset).
         stress_measure: what the stresses are, one of tsg_micro.data.stress.MEASURES. For first_piola, whose tensor is
             not symmetric, a shear is the mean of its two entries.
+        layout: how the numbers are written, as far as it cannot be seen.
         versions: of the software, to be recorded.
 
     Raises:
         InputError: a name or unit is unknown, a component is declared twice or not at all, the file is missing or
-            empty, a column is not there, a cell is no finite number, a strain is beyond 1, or a silent component is
-            not zero.
+            empty, a column is not there, a cell is no finite number, a strain is beyond 1 or a stress beyond any
+            material's, or a silent component is not zero.
     """
     path = Path(path)
     check_measure(stress_measure)
     _check_declared(columns, zero)
-    values = read_numbers(path, columns)
+    values = read_numbers(path, columns, layout)
     count = len(values["line"])
 
     tensors = {"eps": np.zeros((count, 3, 3)), "sigma": np.zeros((count, 3, 3))}
     for name, column in columns.items():
-        if name in _COUNTERS:
+        if name in COUNTERS:
             continue
         quantity, ij = _GAMMA.get(name, name).split("_")
         factor = (STRESS_UNITS if quantity == "sigma" else STRAIN_UNITS)[column.unit]
         entry = values[name] * (0.5 * factor if name in _GAMMA else factor)
         if quantity == "eps":
             _check_strain(path, column, entry, values[name], values["line"])
+        else:
+            _check_stress(path, column, entry, values[name], values["line"])
         i, j = ("xyz".index(letter) for letter in ij)
         tensors[quantity][:, i, j] = tensors[quantity][:, j, i] = entry
     return Dataset(
@@ -118,13 +113,13 @@ def _check_declared(columns: Mapping[str, Column], zero: Collection[str]) -> Non
     """Every strain and stress once, under a known name and in a known unit."""
     known = [*_ENTRIES, *_GAMMA]
     for name in columns:
-        if name not in known and name not in _COUNTERS:
-            raise InputError(f"columns: expected names among {', '.join([*known, *_COUNTERS])}, got {name!r}")
+        if name not in known and name not in COUNTERS:
+            raise InputError(f"columns: expected names among {', '.join([*known, *COUNTERS])}, got {name!r}")
     for name in zero:
         if name not in known:
             raise InputError(f"zero: expected names among {', '.join(known)}, got {name!r}")
     for name, column in columns.items():
-        units = {"1": 1.0} if name in _COUNTERS else STRESS_UNITS if name.startswith("sigma") else STRAIN_UNITS
+        units = {"1": 1.0} if name in COUNTERS else STRESS_UNITS if name.startswith("sigma") else STRAIN_UNITS
         if column.unit not in units:
             raise InputError(f"unit of {name}: expected one of {', '.join(units)}, got {column.unit!r}")
     declared: dict[str, str] = {}
@@ -136,36 +131,6 @@ def _check_declared(columns: Mapping[str, Column], zero: Collection[str]) -> Non
     missing = [entry for entry in _ENTRIES if entry not in declared]
     if missing:
         raise InputError(f"components {', '.join(missing)}: expected a column, or a declaration as zero, got neither")
-
-
-def read_numbers(path: Path, columns: Mapping[str, Column]) -> dict[str, Array]:
-    """The declared columns as they stand in the file, and the number of each point's ``line``.
-
-    Raises:
-        InputError: the file is missing or empty, a column is not there, or a cell is no finite number.
-    """
-    headers, delimiter = read_headers(path)
-    place = {name: _place(path, headers, column.header) for name, column in columns.items()}
-    values: dict[str, list[float]] = {name: [] for name in (*columns, "line", *_COUNTERS)}
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            file.readline()
-            reader = csv.reader(file, delimiter=delimiter)
-            for row in reader:
-                if not any(cell.strip() for cell in row):
-                    continue
-                line = reader.line_num + 1
-                if len(row) != len(headers):
-                    raise InputError(f"CSV file {path}, line {line}: expected {len(headers)} cells, got {len(row)}")
-                for name, at in place.items():
-                    where = f"CSV file {path}, line {line}, column {headers[at]!r}"
-                    values[name].append(_number(row[at], where, whole=name in _COUNTERS))
-                values["line"].append(line)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise _unreadable(path, error) from None
-    if not values["line"]:
-        raise InputError(f"CSV file {path}: expected lines of numbers below the headers, got none")
-    return {name: np.array(numbers) for name, numbers in values.items()}
 
 
 def parse_columns(column: list[str]) -> dict[str, Column]:
@@ -187,50 +152,6 @@ def parse_columns(column: list[str]) -> dict[str, Column]:
     return columns
 
 
-def read_headers(path: Path) -> tuple[list[str], str]:
-    """Headers in the first line of a CSV file, and what parts its cells.
-
-    Raises:
-        InputError: the file is missing, is no text, or its first line is empty.
-    """
-    if not path.is_file():
-        raise InputError(f"CSV file {path}: no such file")
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            first = file.readline()
-        delimiter = max(",;\t", key=first.count)
-        headers = [cell.strip() for cell in next(csv.reader([first], delimiter=delimiter), [])]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise _unreadable(path, error) from None
-    if not any(headers):
-        raise InputError(f"CSV file {path}: expected column headers in line 1, got an empty line")
-    return headers, delimiter
-
-
-def _unreadable(path: Path, error: Exception) -> InputError:
-    return InputError(f"CSV file {path}: expected a text file in UTF-8, but it cannot be read ({error})")
-
-
-def _place(path: Path, headers: list[str], header: str) -> int:
-    """Which column of the file has ``header``."""
-    count = headers.count(header)
-    if count != 1:
-        found = "no such column" if count == 0 else f"{count} of them"
-        raise InputError(f"CSV file {path}: expected a column {header!r}, got {found} among {', '.join(headers)}")
-    return headers.index(header)
-
-
-def _number(cell: str, where: str, *, whole: bool) -> float:
-    expected = "a whole number from 0" if whole else "a finite number"
-    try:
-        value = float(cell)
-    except ValueError:
-        raise InputError(f"{where}: expected {expected}, got {cell!r}") from None
-    if not math.isfinite(value) or (whole and (value < 0 or value != int(value))):
-        raise InputError(f"{where}: expected {expected}, got {cell.strip()!r}")
-    return value
-
-
 def _check_strain(path: Path, column: Column, strain: Array, given: Array, line: Array) -> None:
     """Strains beyond 1 are no small strains: most often percents that were declared as plain numbers."""
     at = int(np.abs(strain).argmax())
@@ -239,4 +160,14 @@ def _check_strain(path: Path, column: Column, strain: Array, given: Array, line:
         raise InputError(
             f"CSV file {path}, line {line[at]:.0f}, column {column.header!r}: expected strains within -1 and 1, "
             f"got {given[at]:g} in the unit {column.unit!r}{hint}"
+        )
+
+
+def _check_stress(path: Path, column: Column, stress: Array, given: Array, line: Array) -> None:
+    """Stresses that no material bears are marks of an instrument, or in another unit."""
+    at = int(np.abs(stress).argmax())
+    if abs(stress[at]) > _LARGEST_STRESS:
+        raise InputError(
+            f"CSV file {path}, line {line[at]:.0f}, column {column.header!r}: expected a stress below "
+            f"{_LARGEST_STRESS:.0e} Pa, got {given[at]:g} in the unit {column.unit!r}"
         )

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsg_micro.data.errors import InputError
-from tsg_micro.data.measured import STRAIN_UNITS, STRESS_UNITS, Column, parse_columns, read_headers, read_numbers
+from tsg_micro.data.measured import STRAIN_UNITS, STRESS_UNITS, parse_columns
+from tsg_micro.data.table import Column, Layout, read_headers, read_numbers
 
 __all__ = ["CURVES", "read_curve"]
 
@@ -25,24 +26,24 @@ CURVES: dict[str, dict[str, Mapping[str, float]]] = {
 """Scene to its two quantities, the given one first, with their units."""
 
 
-def read_curve(path: Path, scene: str, column: Sequence[str] = ()) -> tuple[Array, Array]:
+def read_curve(path: Path, scene: str, column: Sequence[str] = (), layout: Layout | None = None) -> tuple[Array, Array]:
     """Load and answer (n,) of a scene in SI units: force and displacement, or strain and nominal stress.
 
     Without ``column`` (texts QUANTITY=HEADER:UNIT) the headers must say quantity and unit: ``force_nN``,
-    ``force (nN)``, ``force [nN]`` or ``force / nN``. A unit is never guessed.
+    ``force (nN)``, ``force [nN]`` or ``force / nN``. A unit is never guessed. ``layout`` is how numbers are written.
 
     Raises:
         InputError: a column or unit is missing, unknown or declared twice, the file cannot be read, a load is negative
             or all of them are zero.
     """
     quantities = CURVES[scene]
-    columns = parse_columns(list(column)) if column else _from_headers(path, quantities)
+    columns = parse_columns(list(column)) if column else _from_headers(path, quantities, layout)
     if set(columns) != set(quantities):
         raise InputError(f"column: expected {' and '.join(quantities)} for the scene {scene}, got {', '.join(columns)}")
     for name, chosen in columns.items():
         if _unit(chosen.unit) not in quantities[name]:
             raise InputError(f"unit of {name}: expected one of {', '.join(quantities[name])}, got {chosen.unit!r}")
-    numbers = read_numbers(path, columns)
+    numbers = read_numbers(path, columns, layout)
     load, answer = (numbers[name] * quantities[name][_unit(columns[name].unit)] for name in quantities)
     given = next(iter(quantities))
     if (load < 0.0).any() or not (load > 0.0).any():
@@ -62,9 +63,11 @@ def _unit(text: str) -> str:
     return {"-": "1", "µm": "um", "μm": "um", "µN": "uN", "μN": "uN"}.get(text, text)
 
 
-def _from_headers(path: Path, quantities: Mapping[str, Mapping[str, float]]) -> dict[str, Column]:
+def _from_headers(
+    path: Path, quantities: Mapping[str, Mapping[str, float]], layout: Layout | None
+) -> dict[str, Column]:
     """Columns whose headers tell quantity and unit."""
-    headers, _ = read_headers(path)
+    headers = read_headers(path, layout)
     columns = {}
     for name in quantities:
         pattern = re.compile(rf"{name}\s*(?:_|\(|\[|/|,|\s)\s*(?P<unit>[^\s)\]]+)\s*[)\]]?", re.IGNORECASE)

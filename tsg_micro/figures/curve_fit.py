@@ -28,7 +28,7 @@ def draw_fit(out: Path, fit: Fit, load: NDArray[np.float64], answer: NDArray[np.
         figure = new_figure(8.0, 6.4)
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
         upper.plot(x_scale * load, y_scale * answer, "o", color="0.45", markersize=5, label=f"data, {len(load)} points")
-        curve = np.append(0.0, y_scale * fit.model.answer(dense))
+        curve = np.append(y_scale * fit.model.contact_point, y_scale * fit.model.answer(dense))
         upper.plot(x_scale * np.append(0.0, dense), curve, "-", color="#20639b", linewidth=2, label="fit")
         lower.plot(x_scale * load, y_scale * (answer - fit.model.answer(load)), "o", color="0.45", markersize=4)
         lower.axhline(0.0, color="#20639b", linewidth=1.5)
@@ -36,9 +36,15 @@ def draw_fit(out: Path, fit: Fit, load: NDArray[np.float64], answer: NDArray[np.
         lower.set_ylabel("data - fit")
         lower.set_xlabel(x_label)
         text = []
-        for name, value, interval in zip(fit.names, fit.values, fit.interval, strict=True):
-            value_text, low, high = (_quantity(v, PARAMETERS[name].unit) for v in (value, *interval))
-            text.append(f"{name.replace('_', ' ')}: {value_text} ({low} .. {high})")
+        for k, (name, value) in enumerate(zip(fit.names, fit.values, strict=True)):
+            known = (
+                ""
+                if fit.interval is None
+                else " .. ".join(_quantity(v, PARAMETERS[name].unit) for v in fit.interval[k])
+            )
+            text.append(
+                f"{name.replace('_', ' ')}: {_quantity(value, PARAMETERS[name].unit)} ({known or 'no interval'})"
+            )
         upper.set_title("\n".join([*text, "(95 % intervals)"]), fontsize=11, loc="left")
         for axes in (upper, lower):
             tidy(axes)
@@ -50,5 +56,5 @@ def _quantity(value: float, unit: str) -> str:
     """A number with the prefix that suits it."""
     if unit == "1":
         return f"{value:.3g}"
-    factor, prefix = next(((f, p) for f, p in _PREFIXES if value >= 0.9995 * f), _PREFIXES[-1])
+    factor, prefix = next(((f, p) for f, p in _PREFIXES if abs(value) >= 0.9995 * f), _PREFIXES[-1])
     return f"{value / factor:.3g} {prefix}{unit}"

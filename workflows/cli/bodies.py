@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workflows.runs.options import CellOptions, Out, Plots, TissueOptions, grouped, report, say
+from workflows.runs.options import CellOptions, Out, Plots, TableOptions, TissueOptions, grouped, report, say
 from workflows.runs.ranks import check_alone
 
 __all__ = ["bodies"]
@@ -120,7 +120,9 @@ def calibrate(
     *,
     data: Annotated[Path, typer.Option(help="CSV of force and displacement (cell) or strain and stress (monolayer).")],
     out: Out,
-    fit: Annotated[list[str], typer.Option(help="Parameters to fit: bar-force, E-tendon, E-bar, half-diagonal.")],
+    fit: Annotated[
+        list[str], typer.Option(help="Parameters to fit: bar-force, E-tendon, E-bar, half-diagonal, contact-point.")
+    ],
     more: Annotated[
         list[str] | None, typer.Argument(metavar="[PARAMETER]...", help="More of them, as in --fit bar-force E-tendon.")
     ] = None,
@@ -135,6 +137,7 @@ def calibrate(
     ),
     top: Top = "free",
     save_tissue: Annotated[Path | None, typer.Option(help="Write the fitted tissue there, TOML, for --tissue.")] = None,
+    table: TableOptions,
     plots: Plots = True,
 ) -> None:
     """Fit parameters to a measured curve, and say how well each is determined."""
@@ -149,12 +152,14 @@ def calibrate(
         fit=[*fit, *(more or [])],
         model=model,
         column=column or [],
+        layout=table.make(),
         save_tissue=save_tissue,
         plots=plots,
     )
     for name, row in summary["fitted"].items():
-        low, high = row["interval"]
-        say(f"{name:24} {row['value']:.4g} {row['unit']} (95 %: {low:.4g} .. {high:.4g})".replace(" 1 (", " ("))
+        known = row["interval"]
+        shown = "no interval" if known is None else f"95 %: {known[0]:.4g} .. {known[1]:.4g}"
+        say(f"{name:24} {row['value']:.4g} {row['unit']} ({shown})".replace(" 1 (", " ("))
     for warning in summary["warnings"]:
         say(f"{'warning':24} {warning}")
     report(summary, "points rms evaluations seconds", out)

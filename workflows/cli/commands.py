@@ -24,6 +24,7 @@ from workflows.runs.options import (
     OutOrDefault,
     Plots,
     Strain,
+    TableOptions,
     TissueOptions,
     grouped,
     report,
@@ -140,7 +141,9 @@ def dns(
 
 
 @app.command(name="import-csv")
+@grouped
 def import_csv(
+    *,
     csv: Annotated[Path, typer.Argument(help="Measured strain and stress, with a header line.")],
     column: Annotated[list[str], typer.Option(help="COMPONENT=HEADER:UNIT, e.g. eps_yy=strain:% ; once a column.")],
     out: OutFile,
@@ -149,12 +152,21 @@ def import_csv(
         list[str] | None, typer.Option(help="Zero as nothing drove it, e.g. yz: not in the metric.")
     ] = None,
     stress_measure: Annotated[Measure, typer.Option(help="What the measured stress is.")] = Measure.cauchy,
+    table: TableOptions,
 ) -> None:
     """Turn measured data into a data set; columns and units are declared, nothing is guessed."""
     check_alone("import-csv")
     from workflows.runs.import_csv import import_csv as run
 
-    run(csv, column=column, zero=zero or [], silent=silent or [], stress_measure=stress_measure.value, out=out)
+    run(
+        csv,
+        column=column,
+        zero=zero or [],
+        silent=silent or [],
+        stress_measure=stress_measure.value,
+        layout=table.make(),
+        out=out,
+    )
 
 
 app.add_typer(cli_macroscale.macroscale)

@@ -14,6 +14,7 @@ from tsg_micro.cells.tissue_file import write_tissue
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from tsg_micro.data.measured_curve import read_curve
+from tsg_micro.data.table import Layout
 from workflows.store.record import write_summary
 
 __all__ = ["calibrate", "parameter_names"]
@@ -45,6 +46,7 @@ def calibrate(
     fit: Sequence[str],
     model: Model | None = None,
     column: Sequence[str] = (),
+    layout: Layout | None = None,
     save_tissue: Path | None = None,
     plots: bool = True,
 ) -> dict[str, Any]:
@@ -58,7 +60,7 @@ def calibrate(
     """
     model = model or Model()
     names = parameter_names(fit)
-    load, answer = read_curve(data, model.scene, column)
+    load, answer = read_curve(data, model.scene, column, layout)
     out = output_folder(out)
     if save_tissue is not None and (save_tissue.is_dir() or not output_folder(save_tissue.parent)):
         raise InputError(f"save_tissue: expected a file, got the folder {save_tissue}")
@@ -75,9 +77,10 @@ def calibrate(
     begin = time.perf_counter()
     found = fit_curve(model, names, load, answer)
     seconds = time.perf_counter() - begin
+    intervals = [None] * len(names) if found.interval is None else found.interval.tolist()
     fitted = {
-        name: {"value": value, "interval": list(interval), "unit": PARAMETERS[name].unit}
-        for name, value, interval in zip(names, found.values.tolist(), found.interval.tolist(), strict=True)
+        name: {"value": value, "interval": interval, "unit": PARAMETERS[name].unit}
+        for name, value, interval in zip(names, found.values.tolist(), intervals, strict=True)
     }
     summary = write_summary(
         out,

@@ -15,6 +15,7 @@ from tsg_micro.bodies.cell import Indentation, check_top, indent_cell
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
+from workflows.store.limits import check_count
 from workflows.store.record import peak_memory, write_summary
 
 __all__ = ["DEFAULT_BAND", "cell"]
@@ -40,8 +41,7 @@ def _check(force: float, steps: int, top: str) -> None:
     """Raise InputError where the force is not positive, there is no step, or the top is not known."""
     if not (math.isfinite(force) and force > 0.0):
         raise InputError(f"force: expected a positive number in N (it points down), got {force}")
-    if steps < 1:
-        raise InputError(f"steps: expected at least 1, got {steps}")
+    check_count("steps", steps)
     check_top(top)
 
 

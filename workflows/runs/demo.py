@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tsg_micro.cells.tissue import Tissue
+from tsg_micro.data.errors import InputError
 from tsg_micro.data.figure_style import save_figure
 from tsg_micro.data.files import output_folder
 from workflows.runs.dns import dns
@@ -38,6 +39,8 @@ def demo(
     from workflows.runs.scene import Scene
     from workflows.runs.solve import solve
 
+    if min(blocks) < 1 or paths < 1:
+        raise InputError(f"blocks, paths: expected at least 1, got {blocks[0]} {blocks[1]} and {paths}")
     out = output_folder(out)
     begin = time.perf_counter()
     say(f"1/4  material data: {paths} loading paths of {steps} points through one periodic block")

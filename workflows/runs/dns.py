@@ -34,6 +34,7 @@ from workflows.store.checkpoint import (
     remove_checkpoint,
     write_checkpoint,
 )
+from workflows.store.limits import check_count
 from workflows.store.record import available_memory, peak_memory, versions, write_summary
 
 __all__ = ["dns"]
@@ -66,6 +67,7 @@ def dns(
     check_load(load, strain)
     if min(blocks) < 1 or steps < 1:
         raise InputError(f"blocks, steps: expected at least 1, got {blocks[0]} {blocks[1]} and {steps}")
+    check_count("steps", steps)
     sheet, motion = Sheet(blocks, 2, tissue, flat, linear_solver), LOADS[load].top_displacement(1.0, 1.0)
     _check_memory(sheet)
     out = output_folder(out)

@@ -11,17 +11,25 @@ from tsg_micro.data.dataset import write_dataset
 from tsg_micro.data.files import output_file
 from tsg_micro.data.mandel import pressure, von_mises
 from tsg_micro.data.measured import parse_columns, read_csv
-from workflows.store.record import versions, write_summary
+from tsg_micro.data.table import Layout
+from workflows.store.record import summary_path, versions, write_summary
 
 __all__ = ["import_csv"]
 
 
 def import_csv(
-    csv: Path, *, column: list[str], zero: list[str], silent: Sequence[str] = (), stress_measure: str, out: Path
+    csv: Path,
+    *,
+    column: list[str],
+    zero: list[str],
+    silent: Sequence[str] = (),
+    stress_measure: str,
+    layout: Layout | None = None,
+    out: Path,
 ) -> None:
     """Write the CSV file's points to the data set ``out`` with its summary, and print what came in.
 
-    ``zero`` and ``silent`` take names one by one or parted by commas.
+    ``zero`` and ``silent`` take names one by one or parted by commas; ``layout`` is how the numbers are written.
 
     Raises:
         InputError: as tsg_micro.data.measured.read_csv, or ``out`` cannot be written.
@@ -31,7 +39,16 @@ def import_csv(
     )
     columns = parse_columns(column)
     output_file(out)
-    data = read_csv(csv, columns=columns, zero=zeros, silent=quiet, stress_measure=stress_measure, versions=versions())
+    data = read_csv(
+        csv,
+        columns=columns,
+        zero=zeros,
+        silent=quiet,
+        stress_measure=stress_measure,
+        layout=layout,
+        versions=versions(),
+    )
+    summary_path(out).unlink(missing_ok=True)
     write_dataset(out, data)
     p, q = pressure(data.stress), von_mises(data.stress)
     write_summary(

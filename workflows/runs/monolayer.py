@@ -18,15 +18,17 @@ import h5py
 import numpy as np
 
 from tsg_micro.bodies.cell import indent_cell
-from tsg_micro.bodies.sheet import Sheet, Stretch, stretch_sheet
+from tsg_micro.bodies.sheet import Sheet, Stretch, memory_needed, stretch_sheet
 from tsg_micro.bodies.sheet_means import CellStrain, cell_strain, histogram_edges
 from tsg_micro.cells.structure import Structure
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from tsg_micro.data.hdf5 import write_hdf5
+from tsg_micro.equilibrium.linear_solvers import choose_backend
 from tsg_micro.equilibrium.load_path import Equilibrium
 from workflows.runs.loads import check_load
+from workflows.store.limits import check_count, check_memory
 from workflows.store.record import peak_memory, write_summary
 
 __all__ = ["BAND_BLOCKS", "INDENTATION", "monolayer"]
@@ -73,7 +75,10 @@ def monolayer(
     check_load("stretch", strain)
     if min(steps, write_every, layers) < 1:
         raise InputError(f"steps, write_every, layers: expected at least 1, got {steps}, {write_every} and {layers}")
+    check_count("steps", steps)
     sheet = Sheet(blocks, layers, tissue, linear_solver=linear_solver)
+    backend = choose_backend(sheet.unknowns, linear_solver).backend
+    check_memory(f"blocks: {blocks[0]} x {blocks[1]}", memory_needed(sheet.unknowns, backend))
     smaller = [replace(sheet, blocks=size) for size in convergence]
     few = (min(blocks[0], BAND_BLOCKS[0]), min(blocks[1], BAND_BLOCKS[1]))
     other = [replace(sheet, blocks=few, tissue=replace(tissue, bar_force=f)) for f in band]

@@ -18,6 +18,7 @@ import typer
 
 if TYPE_CHECKING:
     from tsg_micro.cells.tissue import Tissue
+    from tsg_micro.data.table import Layout
     from workflows.runs.scene import Scene
 
 __all__ = [
@@ -45,6 +46,7 @@ __all__ = [
     "Plots",
     "SceneOptions",
     "Strain",
+    "TableOptions",
     "TissueOptions",
     "WantedTissueOptions",
     "grouped",
@@ -266,6 +268,28 @@ class SceneOptions(Group):
             value = getattr(self, name)
             values[name] = value.value if isinstance(value, StrEnum) else value
         return Scene(**values)
+
+
+@dataclass(frozen=True)
+class TableOptions(Group):
+    """How the numbers of a CSV file are written, as far as it cannot be seen."""
+
+    delimiter: Annotated[
+        str | None, typer.Option(help="What parts the cells: comma, semicolon, tab or blank; seen if not given.")
+    ] = None
+    decimal: Annotated[str, typer.Option(help="Decimal sign of the numbers, . or a comma.")] = "."
+    comment: Annotated[str, typer.Option(help="Lines that begin with it do not count.")] = "#"
+    skip: Annotated[int, typer.Option(help="Lines above the headers that do not count.")] = 0
+
+    def make(self) -> Layout:
+        """The layout.
+
+        Raises:
+            InputError: a value is not valid.
+        """
+        from tsg_micro.data.table import Layout
+
+        return Layout(self.delimiter, self.decimal, self.comment, self.skip)
 
 
 def say(text: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import threading
@@ -27,11 +28,14 @@ from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import locked, output_file
 from tsg_micro.data.stress import check_measure
 from workflows.runs.ranks import world
+from workflows.store.limits import check_memory
 from workflows.store.record import read_summary, summary_path, versions, write_summary
 
-__all__ = ["sample"]
+__all__ = ["Plan", "sample"]
 
 _worker: dict[str, Any] = {}
+_PER_PATH, _PER_POINT, _PER_BLOCK = 2e3, 1.5e3, 3e5
+"""Bytes, roughly: a path on its way, a point with its tangent (twice, as it is joined), a block of an RVE."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,8 @@ class Plan:
         assert self.spec  # checks itself
         if self.seed >= 2**63:
             raise InputError(f"seed: expected less than 2^63, got {self.seed}")
+        check_memory(f"paths, steps: {self.paths} and {self.steps}", self.paths * (_PER_PATH + self.steps * _PER_POINT))
+        check_memory(f"blocks: {' x '.join(map(str, self.blocks))}", _PER_BLOCK * math.prod(self.blocks))
 
     @property
     def box(self) -> StrainBox:
@@ -198,7 +204,7 @@ def _check_append(out: Path, plan: Plan, stress_measure: str) -> None:
         there_force = source.get("bar_force", plan.spec.tissue.bar_force)
         if there_force != plan.spec.tissue.bar_force:
             raise InputError(
-                f"bar_force: expected that of the data in {out}, {there_force:g} N, got {plan.spec.tissue.bar_force:g}"
+                f"bar_force: expected that of the data in {out}, {there_force} N, got {plan.spec.tissue.bar_force}"
             )
         drawn = source.get("load"), source.get("seed")
         if drawn == (plan.load, plan.seed) and RVESpec.from_parameters(source) == plan.spec:

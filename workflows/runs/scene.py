@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -16,10 +17,13 @@ from tsg_micro.data.dataset import Dataset, read_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import from_mandel
 from workflows.runs.loads import LOADS, check_load, check_reach
+from workflows.store.limits import check_memory
 
 __all__ = ["CLAMPS", "ELEMENTS", "KINEMATICS", "Scene", "read_material", "tissue_of"]
 
 KINEMATICS = tuple(dd.THEORIES)
+_PER_ELEMENT = 15e3
+"""Bytes that an element of degree 1 takes at least: its points, their operator, and its part of the matrix."""
 MOST_BLOCKS = 1e5
 """Across a body; one of more, or of less than one, is most often in another unit."""
 CLAMPS = ("full", "inplane")
@@ -70,6 +74,9 @@ class Scene:
             size = (block, MOST_BLOCKS * block)
             return dd.read_msh(self.mesh, comm, unit=self.mesh_unit, size=size, merge_nodes=self.merge_nodes)
         assert self.elements is not None
+        if min(self.elements) > 0:
+            needed = _PER_ELEMENT * self.degree**3 * math.prod(self.elements)
+            dd.parallel.together(comm, lambda: check_memory(f"elements: {math.prod(self.elements or ())}", needed))
         return dd.box(comm, elements=self.elements, size=tuple(block * n for n in self.elements))  # type: ignore[arg-type]
 
     def problem(self, comm: MPI.Comm, tissue: Tissue | None = None) -> dd.Problem:

@@ -48,7 +48,7 @@ class _Asked:
     @property
     def tangents(self) -> int:
         """The order of the data."""
-        return self.order or (1 if self.adaptation is None else 2)
+        return (1 if self.adaptation is None else 2) if self.order is None else self.order
 
     def method(self) -> dd.Method:
         """The method with its numbers.

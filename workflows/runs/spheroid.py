@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from tsg_micro.bodies.sheet import memory_needed
 from tsg_micro.bodies.spheroid import (
     LOADS,
     Compression,
@@ -24,6 +25,7 @@ from tsg_micro.continuum.response import compressed_tendons
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import atomic_path, output_folder
 from tsg_micro.equilibrium.linear_solvers import choose_backend
+from workflows.store.limits import check_count, check_memory
 from workflows.store.record import peak_memory, write_summary
 
 __all__ = ["LEVELS", "spheroid"]
@@ -35,6 +37,9 @@ The pressure is of the order of the bar force at the rim over the area of a cell
 there the prestress decides the stiffness. Under several times that the members' own stiffness does, which is the same
 everywhere, and the rise towards the core fades; the kPa of the experiments are beyond what cells of Table 1 bear.
 """
+
+_UNKNOWNS = 4.19 * 8 * 39
+"""Of a body of radius 1: cells in a ball, and unknowns a cell."""
 
 
 def spheroid(
@@ -65,7 +70,9 @@ def spheroid(
         InputError: an argument is not valid.
     """
     level = _check(load, level, steps, f_max)
-    choose_backend(1, linear_solver)
+    unknowns = int(_UNKNOWNS * min(max(radius, 1.0), 1e9) ** 3)
+    backend = choose_backend(min(unknowns, 10**9), linear_solver).backend
+    check_memory(f"radius: {radius:g} blocks", memory_needed(unknowns, backend))
     begin = time.perf_counter()
     tissue = replace(tissue, bar_force=f_max)
     parameters = {**tissue.as_dict(), "radius": radius, "f_max": f_max, "profile": profile, "decay": decay}
@@ -119,8 +126,7 @@ def _check(load: str, level: float | None, steps: int, f_max: float) -> float:
     if not (np.isfinite(level) and level > 0.0) or (load == "displacement" and level >= 1.0):
         limit = "" if load == "pressure" else " below 1"
         raise InputError(f"level: expected a positive number{limit} (compression), got {level}")
-    if steps < 1:
-        raise InputError(f"steps: expected at least 1, got {steps}")
+    check_count("steps", steps)
     if not (np.isfinite(f_max) and f_max > 0.0):
         raise InputError(f"f_max: expected a positive force in N, got {f_max}")
     return level

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,13 @@ from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from tsg_micro.equilibrium.members import MemberSystem
 from tsg_micro.equilibrium.self_stress_counts import self_stress_counts
+from workflows.store.limits import check_memory
 from workflows.store.record import write_summary
 
 __all__ = ["structure"]
+
+_PER_CELL = 1e4
+"""Bytes, roughly: nodes, members and their equilibrium matrix."""
 
 
 def structure(
@@ -39,6 +44,10 @@ def structure(
         raise InputError("shape spheroid: expected --radius in blocks, and no --cells")
     if shape == "box" and (cells is None or radius is not None):
         raise InputError("shape box: expected --cells NX NY NZ, and no --radius")
+    count: float = math.prod(cells or (1, 1, 1))
+    if radius is not None:
+        count = 8 * 4.19 * min(max(radius, 0.0), 1e30) ** 3 if math.isfinite(radius) else 0.0
+    check_memory(f"cells: {count:.3g}", _PER_CELL * count)
     where = spheroid_cells(radius) if radius is not None else box_cells(*(cells or (1, 1, 1)))
     built = prestressed(tissue.lattice(where), tissue.cell, tissue.bar_force)
     out = output_folder(out)

@@ -98,7 +98,7 @@ def test_the_old_summary_goes_first(tsgdd, chain, tmp_path, monkeypatch):
     def killed(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("dd_macro.write_vtkhdf", killed)
+    monkeypatch.setattr("dd_macro.results.write.write_cells", killed)
     assert tsgdd(*solved(chain, tmp_path / "O")).code == 130
     assert (tmp_path / "O" / "quadrature.h5").exists()
     assert not (tmp_path / "O" / "summary.json").exists()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -74,7 +75,9 @@ def test_intervals_cover_the_truth():
     for seed in range(12):
         force, depth = curve(TRUTH, loads, 20e-9, seed=100 + seed)
         model = dataclasses.replace(TRUTH, tissue=dataclasses.replace(TRUTH.tissue, bar_force=5e-9))
-        low, high = fit_curve(model, ("bar_force",), force, depth).interval[0]
+        interval = fit_curve(model, ("bar_force",), force, depth).interval
+        assert interval is not None
+        low, high = interval[0]
         inside += bool(low < TRUTH.tissue.bar_force < high)
         assert high < 2.0 * low
     assert inside >= 9
@@ -87,6 +90,7 @@ def test_warnings_of_what_the_data_cannot_tell():
     assert abs(fit.correlation[0, 1]) > 0.95
     assert any("badly told apart" in warning for warning in fit.warnings)
     assert any("badly determined" in warning or "at its bound" in warning for warning in fit.warnings)
+    assert fit.interval is not None
     for name, (low, high) in zip(fit.names, fit.interval, strict=True):
         assert PARAMETERS[name].low * 0.999 <= low <= high <= PARAMETERS[name].high * 1.001
 
@@ -115,7 +119,7 @@ def test_monolayer(tsgdd, read_summary, tmp_path):
 
 
 def test_parameter_names():
-    assert parameter_names(["Bar-Force", "e_tendon", "E-bar", "half-diagonal"]) == tuple(PARAMETERS)
+    assert parameter_names(["Bar-Force", "e_tendon", "E-bar", "half-diagonal", "contact-point"]) == tuple(PARAMETERS)
 
 
 HEADER = "force_nN,displacement_um\n"
@@ -157,3 +161,83 @@ def test_bad_input(text, options, message, tsgdd, tmp_path):
     assert done.code == 2, done.err
     assert message in done.err
     assert done.err.count("\n") == 1
+
+
+CASES = Path(__file__).parents[2] / "data" / "cases" / "calibrate"
+
+
+@pytest.fixture
+def fitted(tsgdd, read_summary, tmp_path):
+    """Fit a curve of the cases: what is printed, and the summary."""
+
+    def run(name, *names, plots=False):
+        out = tmp_path / "C"
+        done = tsgdd(
+            *("calibrate", "--data", CASES / f"{name}.csv", "--out", out, "--fit", *names),
+            *(() if plots else ("--no-plots",)),
+        )
+        assert done.code == 0, done.err
+        return done.out, read_summary(out)
+
+    return run
+
+
+def test_a_contact_point_that_is_off_is_seen_and_can_be_fitted(fitted, is_png, tmp_path):
+    """The exact curve of 10 nN, measured from 100 nm before the contact."""
+    _, alone = fitted("offset_100nm", "bar-force")
+    assert alone["fitted"]["bar_force"]["value"] < 8e-9
+    (warning,) = alone["warnings"]
+    assert "the residuals are systematic" in warning
+    assert "is the contact point off? (--fit contact-point)" in warning
+    _, both = fitted("offset_100nm", "bar-force", "contact-point", plots=True)
+    assert both["fitted"]["bar_force"]["value"] == pytest.approx(1e-8, rel=1e-4)
+    assert both["fitted"]["contact_point"]["value"] == pytest.approx(1e-7, rel=1e-4)
+    assert both["fitted"]["contact_point"]["unit"] == "m"
+    assert both["warnings"] == []
+    assert is_png(tmp_path / "C" / "fit.png")
+
+
+@pytest.mark.parametrize("contact", [-3e-7, 2e-7])
+def test_contact_points_of_noisy_curves(contact):
+    force, depth = curve(TRUTH, np.linspace(0.1e-9, 3e-9, 30), 5e-9, seed=3)
+    model = dataclasses.replace(TRUTH, tissue=Tissue(TRUTH.tissue.cell, bar_force=1e-8))
+    fit = fit_curve(model, ("bar_force", "contact_point"), force, depth + contact)
+    assert fit.interval is not None
+    (low, high), (least, most) = fit.interval
+    assert low < 4e-9 < high
+    assert least < contact < most
+    assert most - least < 1e-7
+    assert not any("systematic" in warning for warning in fit.warnings)
+
+
+def test_no_interval_where_the_model_does_not_describe_the_curve(fitted, is_png, tmp_path):
+    out, summary = fitted("thirty_times_softer", "bar-force", plots=True)
+    assert summary["fitted"]["bar_force"]["interval"] is None
+    assert "(no interval)" in out
+    assert any("the model does not describe the curve: misfit 59%" in warning for warning in summary["warnings"])
+    assert is_png(tmp_path / "C" / "fit.png")
+
+
+def test_a_bound_is_named_where_the_curve_is_out_of_reach(fitted):
+    """A cell much stiffer than any tendon makes it: the equilibrium was never lost."""
+    _, summary = fitted("stiff_cell", "E-tendon")
+    assert summary["fitted"]["E_tendon"]["value"] == pytest.approx(1e9, rel=1e-3)
+    assert any(warning.startswith("E_tendon ended at its bound, 1e+09: a misfit of") for warning in summary["warnings"])
+
+
+def test_a_contact_point_is_of_the_cell(tsgdd, tmp_path):
+    (tmp_path / "m.csv").write_text("strain_%,stress_Pa\n1,10\n2,21\n3,33\n")
+    fit = ("--scene", "monolayer", "--fit", "contact-point", "--out", tmp_path / "C")
+    done = tsgdd("calibrate", "--data", tmp_path / "m.csv", *fit)
+    assert done.code == 2
+    assert "fit: expected no contact point in the scene monolayer, got one" in done.err
+
+
+def test_curves_with_a_decimal_comma(tsgdd, tmp_path):
+    text = (CASES / "offset_100nm.csv").read_text().replace(",", ";").replace(".", ",")
+    (tmp_path / "c.csv").write_text("sep=;\n" + text)
+    fit = ("--fit", "bar-force", "contact-point", "--no-plots", "--out", tmp_path / "C")
+    assert tsgdd("calibrate", "--data", tmp_path / "c.csv", "--decimal", ",", *fit).code == 0
+    done = tsgdd("calibrate", "--data", tmp_path / "c.csv", *fit)
+    assert done.code == 2
+    assert "is its decimal sign a comma? (--decimal ,)" in done.err

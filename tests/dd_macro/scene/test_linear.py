@@ -1,0 +1,74 @@
+"""Every linear solve is checked by its residual, whatever solver PETSc's options ask for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from petsc4py import PETSc
+
+from dd_macro import StrainOperator, box, isotropic
+from dd_macro.parallel import total
+from dd_macro.scene.boundary import Displacement, prescribed_displacement
+from dd_macro.scene.linear import LinearSolver
+from tsg_micro.data.errors import ConvergenceError
+
+pytestmark = pytest.mark.mpi
+
+
+@pytest.fixture
+def options():
+    """Set PETSc's options of the solver ``test_``, and take them away again."""
+    database, names = PETSc.Options(), []
+
+    def put(text):
+        for name, value in zip(text.split()[::2], text.split()[1::2], strict=True):
+            names.append(f"test_{name}")
+            database[names[-1]] = value
+
+    yield put
+    for name in names:
+        database.delValue(name)
+
+
+def make(comm, *, thickness=1e-5):
+    operator = StrainOperator(box(comm, elements=(4, 3, 2), size=(4e-5, 3e-5, thickness)))
+    fixed, _ = prescribed_displacement(operator, [Displacement("bottom")])
+    stiffness = operator.stiffness(isotropic(young=1e3, poisson=0.3).C)
+    return operator, LinearSolver(operator, stiffness, fixed, prefix="test_")
+
+
+def right_side(operator):
+    return np.sin(1e5 * operator.node_coordinates()).ravel()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "ksp_type preonly pc_type jacobi",
+        "ksp_type preonly pc_type none",
+        "ksp_type cg pc_type jacobi ksp_rtol 1e-2",
+        "ksp_type richardson pc_type jacobi ksp_max_it 3 ksp_error_if_not_converged 0",
+        "ksp_type gmres pc_type none ksp_rtol 1e-3",
+    ],
+)
+def test_a_solver_that_solves_nothing_is_named(comm, options, text):
+    options(text)
+    operator, solver = make(comm)
+    with pytest.raises(ConvergenceError, match=rf"linear solver {solver._ksp.getType()} \+ .*PETSC_OPTIONS|stopped"):
+        solver.solve(right_side(operator))
+
+
+@pytest.mark.parametrize("text", ["", "ksp_type cg pc_type jacobi", "ksp_type cg pc_type gamg"])
+@pytest.mark.parametrize("thickness", [1e-5, 1e-8])
+def test_solvers_that_solve_agree(comm, options, text, thickness):
+    """Flat elements, 1:1000, too: a factorisation of an ill-conditioned matrix is no error."""
+    if text and thickness < 1e-6:
+        pytest.skip("no iterative solver gets there")
+    options(text)
+    operator, solver = make(comm, thickness=thickness)
+    b = right_side(operator)
+    x = solver.solve(b)
+    b[solver._fixed] = 0.0
+    energy = total(comm, [x @ b, np.abs(x @ b)])
+    assert energy[0] > 0
+    assert not solver.solve(0 * b).any()
