@@ -20,7 +20,8 @@ from tsg_micro.cells.prestress import (
     with_self_stress,
 )
 from tsg_micro.cells.structure import Structure, equilibrium_matrix, from_arrays, member_vectors
-from tsg_micro.cells.tissue import Tissue
+from tsg_micro.cells.tissue import UNIT_CELLS, Tissue
+from tsg_micro.cells.tissue_file import read_tissue, write_tissue
 from tsg_micro.cells.truncated_octahedron import unit_cell
 from tsg_micro.cells.unit_cell import UnitCell
 from tsg_micro.continuum.homogenise import BlockFields, block_fields, cell_gradient, kirchhoff_stress
@@ -46,6 +47,7 @@ from tsg_micro.equilibrium.newton import NewtonOptions
 __all__ = [
     "BOXES",
     "RVE",
+    "UNIT_CELLS",
     "BlockFields",
     "CellParameters",
     "ClampedSheet",
@@ -90,6 +92,7 @@ __all__ = [
     "pressure",
     "prestressed",
     "read_dataset",
+    "read_tissue",
     "sample_paths",
     "self_stress",
     "side_nodes",
@@ -104,4 +107,5 @@ __all__ = [
     "with_force_density",
     "with_self_stress",
     "write_dataset",
+    "write_tissue",
 ]

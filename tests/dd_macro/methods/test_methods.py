@@ -20,7 +20,7 @@ from tsg_micro.data.errors import InputError
 ROOT = Path(__file__).parents[3]
 C = dd.isotropic(young=1e3, poisson=0.3).C
 DOC = (ROOT / "docs" / "CONTRIBUTING.md").read_text()
-METHOD, LOAD = re.findall(r"```python\n(.*?)```", DOC, re.DOTALL)
+METHOD, LOAD = re.findall(r"```python\n(.*?)```", DOC, re.DOTALL)[:2]
 
 
 class Stiffening:
