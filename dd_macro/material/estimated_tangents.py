@@ -65,7 +65,10 @@ def estimate_tangents(dataset: Dataset, *, neighbours: int = 16, metric: Metric 
         E, S = local[..., :6], local[..., 6:]
         variance, directions = np.linalg.eigh(np.einsum("nk,nki,nkj->nij", weight, E, E))
         spread = np.einsum("nk,nki->n", weight, S**2)
-        for datum in np.flatnonzero(variance[:, -1] <= np.maximum(smallest, _HELD**2 * spread)):
+        held = np.flatnonzero(variance[:, -1] <= np.maximum(smallest, _HELD**2 * spread))
+        if not held.size:
+            break
+        for datum in held:
             near = max(smallest, 1e4 * variance[datum, -1])  # and what trembles with it
             local[datum], weight[datum] = _beyond(whitened, int(datum), neighbours, near)
     moment = np.einsum("nk,nki,nkj->nij", weight, E @ directions, S @ directions)
