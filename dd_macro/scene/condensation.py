@@ -15,14 +15,16 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dd_macro.parallel import total
 from dd_macro.scene.spaces import Stiffness, StrainOperator, stiffness_form
+from tsg_micro.data.errors import ConvergenceError
 from tsg_micro.data.mandel import BASIS
 
 __all__ = ["CellShapes", "CondensedMatrix"]
 
 Array = NDArray[np.float64]
 _CHUNK = 64  # cells whose matrices are made at once: what they need stays in the cache
-_SAME = 1e-12  # of the size of the largest cell, below which corners count as equal
+_SAME = 1e-12  # relative, of numbers that count as equal
 
 
 @dataclass(frozen=True)
@@ -59,10 +61,16 @@ class CondensedMatrix(Stiffness):
         self._ghosted = dolfinx.fem.Function(operator.displacements)
         self._back, self._inverse = np.zeros((0, 9, 24)), np.zeros((0, 9, 9))
         self._place = shapes.kind
+        self._comm, self._negative, self._singular = operator.comm, 0, 0
 
     def assemble(self, C: Array) -> PETSc.Mat:
-        """``matrix`` with the moduli C in Pa, (n, 6, 6) or (n, 15, 15), or one (6, 6) for all points; symmetric."""
+        """``matrix`` with the moduli C in Pa, (n, 6, 6) or (n, 15, 15), or one (6, 6) for all points; symmetric.
+
+        Raises:
+            ConvergenceError: the inner unknowns of some cell have no stiffness; on all ranks.
+        """
         self.matrix.zeroEntries()
+        self._negative = self._singular = 0
         cells, (kinds, points) = len(self._dofs), self._shapes.weights.shape
         alike = C.ndim == 2 and kinds <= _CHUNK  # cells of one kind have one matrix
         per_cell = np.broadcast_to(C, (cells, points, *C.shape)) if C.ndim == 2 else C
@@ -80,6 +88,11 @@ class CondensedMatrix(Stiffness):
             dofs = self._dofs[some]
             self.matrix.setValuesBlockedLocalRCV(dofs, dofs, values.reshape(len(dofs), -1), PETSc.InsertMode.ADD_VALUES)
         self.matrix.assemble()
+        self.negative, singular = (int(n) for n in total(self._comm, [self._negative, self._singular]))
+        if singular:
+            raise ConvergenceError(
+                f"elements: expected modes with some stiffness, got none in {singular} cells or more"
+            )
         return self.matrix
 
     def condense(self, force: Array) -> Array:
@@ -109,9 +122,21 @@ class CondensedMatrix(Stiffness):
         CN = (self._shapes.weights[kind][..., None, None] * C) @ N
         rows = C.shape[1] * C.shape[2]
         K = N.reshape(len(kind), rows, 33).swapaxes(1, 2) @ CN.reshape(k, rows, 33)
-        inverse = np.linalg.inv(K[:, 24:, 24:])
+        inverse = self._inverse_of(K[:, 24:, 24:])
         back = inverse @ K[:, 24:, :24]
         return K[:, :24, :24] - K[:, :24, 24:] @ back, back, inverse
+
+    def _inverse_of(self, K: Array) -> Array:
+        """K_aa^-1 (k, 9, 9), the unit matrix where one is singular; not positive ones are counted."""
+        try:
+            np.linalg.cholesky(K)
+            return np.asarray(np.linalg.inv(K))
+        except np.linalg.LinAlgError:
+            values = np.linalg.eigvalsh(K)
+            self._negative += int((values < 0).sum())
+            lost = np.abs(values).min(axis=1) <= _SAME * np.abs(values).max(axis=1)
+            self._singular += int(lost.sum())
+            return np.asarray(np.linalg.inv(np.where(lost[:, None, None], np.eye(9), K)))
 
 
 def _mandel(gradients: Array) -> Array:

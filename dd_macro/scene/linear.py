@@ -119,7 +119,9 @@ class LinearSolver:
     @property
     def negative_pivots(self) -> int | None:
         """Negative eigenvalues of K, where the factorisation counts them (MUMPS, LDL^T); None otherwise."""
-        return int(self._ksp.getPC().getFactorMatrix().getMumpsInfog(12)) if self._counts_pivots() else None
+        if not self._counts_pivots():
+            return None
+        return self._stiffness.negative + int(self._ksp.getPC().getFactorMatrix().getMumpsInfog(12))
 
     def _counts_pivots(self) -> bool:
         pc = self._ksp.getPC()

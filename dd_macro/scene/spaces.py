@@ -223,8 +223,11 @@ def stiffness_form(operator: StrainOperator, C: Array) -> Any:
 class Stiffness:
     """``matrix`` (3 * nodes square, N/m) of the nodal displacement, no boundary conditions yet.
 
-    Elements with unknowns of their own are condensed (dd_macro.scene.condensation); here there are none.
+    Elements with unknowns of their own are condensed (dd_macro.scene.condensation); here there are none. ``negative``
+    counts the negative eigenvalues that condensation took out.
     """
+
+    negative = 0
 
     def __init__(self, matrix: PETSc.Mat) -> None:
         self.matrix = matrix

@@ -9,6 +9,7 @@ from mpi4py import MPI
 import dd_macro as dd
 from dd_macro.methods.projection import relative_distance
 from dd_macro.parallel import total
+from tsg_micro.data.errors import ConvergenceError
 from tsg_micro.data.mandel import to_mandel
 
 pytestmark = pytest.mark.mpi
@@ -90,6 +91,27 @@ def test_condensed_matrix_is_the_schur_complement(make, rng):
     np.testing.assert_allclose(
         everywhere_its_own.convert("dense").getDenseArray(), dense, atol=1e-13 * np.abs(dense).max()
     )
+
+
+@pytest.mark.parametrize("rank_of_one", [True, False])
+def test_negative_and_lost_stiffness_of_the_modes(comm, rng, rank_of_one):
+    """Negative eigenvalues are those of all unknowns; where a modulus has none there is an error on all ranks."""
+    operator = dd.EnhancedStrainOperator(distorted(comm, (2, 2, 2), (1.0, 1.0, 1.0)))
+    C = np.diag([1.0, 1.0, -0.1, 1.0, 1.0, 1.0])
+    stiffness = operator.stiffness(C)
+    assert 8 <= stiffness.negative <= 8 * 5
+    if comm.size == 1:
+        n = 3 * operator.owned_nodes
+        all_of_it = np.linalg.eigvalsh(matrix_of(operator, C))
+        condensed = np.linalg.eigvalsh(stiffness.matrix.convert("dense").getDenseArray()[:n, :n])
+        count = [(values < -1e-9).sum() for values in (all_of_it, condensed)]
+        assert count[0] == count[1] + stiffness.negative
+    moduli = np.tile(np.eye(6), (len(operator.weights), 1, 1))
+    if comm.rank == 0 or not rank_of_one:
+        moduli[:8, 2] = moduli[:8, :, 2] = 0.0
+        moduli[:8, 3:] = moduli[:8, :, 3:] = 0.0
+    with pytest.raises(ConvergenceError, match="expected modes with some stiffness, got none in"):
+        operator.stiffness().assemble(moduli)
 
 
 @pytest.mark.parametrize("size", [(1.0, 1.0, 1.0), (1.0, 10.0, 1e-1)])
