@@ -17,7 +17,7 @@ def stretch(tsgdd, tmp_path):
 
     def run(name, *options):
         file = name if isinstance(name, Path) else CASES / "mesh" / f"{name}.msh"
-        data = ("--data", CASES / "hdf5" / "stretch_data.h5", "--strain", 0.05)
+        data = ("--data", CASES / "hdf5" / "stretch_data.h5", "--strain", 0.05, "--element", "trilinear")
         return tsgdd("solve", *data, "--no-plots", "--out", tmp_path / "O", "--mesh", file, *options)
 
     return run
@@ -98,7 +98,17 @@ def test_units(stretch, read_summary, tmp_path):
 
 
 def test_ranks_agree_on_what_is_wrong(launch, read_summary, tmp_path):
-    data = ("solve", "--data", CASES / "hdf5" / "stretch_data.h5", "--no-plots", "--out", tmp_path / "O", "--mesh")
+    data = (
+        "solve",
+        "--data",
+        CASES / "hdf5" / "stretch_data.h5",
+        "--no-plots",
+        "--element",
+        "trilinear",
+        "--out",
+        tmp_path / "O",
+        "--mesh",
+    )
     done = launch(*data, CASES / "mesh" / "island.msh", ranks=2)
     assert done.code == 2
     assert done.err.count("a part of 1 cell is not") == 1
