@@ -87,7 +87,7 @@ def _cells(solids: Iterable[Block], names: dict[tuple[int, int], str]) -> tuple[
     """Every cell once, in the order of the file's groups, and the cells of every named one."""
     blocks = sorted((block for block in solids if len(block.nodes)), key=lambda block: (block.groups or (0,))[0])
     nodes = np.concatenate([block.nodes for block in blocks])
-    _, first, which = np.unique(np.sort(nodes, axis=1), axis=0, return_index=True, return_inverse=True)
+    _, first, which = np.unique(_numbers(nodes), return_index=True, return_inverse=True)
     place = np.empty(len(first), dtype=np.int64)
     place[np.argsort(first)] = np.arange(len(first))  # cells in the order in which they come first
     cell = np.split(place[which.reshape(-1)], np.cumsum([len(block.nodes) for block in blocks])[:-1])
@@ -96,6 +96,15 @@ def _cells(solids: Iterable[Block], names: dict[tuple[int, int], str]) -> tuple[
         for group in block.groups:
             regions.setdefault(names.get((3, group)) or str(group), []).append(inside)
     return nodes[np.sort(first)], {name: np.unique(np.concatenate(parts)) for name, parts in regions.items()}
+
+
+def _numbers(rows: Ints) -> Ints:
+    """A number for every row (n,), the same for rows of the same nodes in any order."""
+    distinct, places = np.unique(rows, return_inverse=True)
+    number, *others = np.sort(places.reshape(rows.shape), axis=1).T
+    for column in others:
+        number = np.unique(number * len(distinct) + column, return_inverse=True)[1].reshape(-1)
+    return number
 
 
 def _used(file: MshFile, elements: list[Ints], unit: float) -> tuple[Array, list[Ints]]:
@@ -166,10 +175,9 @@ def _sides(
     """Facets that are faces of cells, each once, their tags, and the tags of every name."""
     nodes = np.concatenate(quads)
     owner = np.repeat(np.arange(len(quads)), [len(q) for q in quads])
-    faces = np.unique(np.sort(cells[:, _FACES].reshape(-1, 4), axis=1), axis=0)
-    both, which = np.unique(np.concatenate([faces, np.sort(nodes, axis=1)]), axis=0, return_inverse=True)
-    which = which.reshape(-1)
-    is_face = np.zeros(len(both), dtype=bool)
+    faces = cells[:, _FACES].reshape(-1, 4)
+    which = _numbers(np.concatenate([faces, nodes]))
+    is_face = np.zeros(int(which.max()) + 1, dtype=bool)
     is_face[which[: len(faces)]] = True
     which = which[len(faces) :]
     members: dict[int, set[int]] = {}
@@ -206,8 +214,7 @@ def _parts(cells: Ints, nodes: int, *, hinged: bool = False) -> Ints:
     _, parts = np.unique(label[:m], return_inverse=True)
     if hinged:
         return parts.astype(np.int64)
-    faces = np.sort(cells[:, _FACES].reshape(-1, 4), axis=1)
-    _, face = np.unique(faces, axis=0, return_inverse=True)
+    face = _numbers(cells[:, _FACES].reshape(-1, 4))
     most = int(face.max()) + 1
     by_face = coo_array(
         (np.ones(6 * m), (np.repeat(np.arange(m), 6), m + face.reshape(-1))), shape=(m + most, m + most)
@@ -225,7 +232,7 @@ def _parts(cells: Ints, nodes: int, *, hinged: bool = False) -> Ints:
 def _check_apart(points: Array, cells: Ints, parts: Ints) -> None:
     """Raise InputError where nodes of a part lie on the surface of another."""
     faces, part = cells[:, _FACES].reshape(-1, 4), np.repeat(parts, 6)
-    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+    _, first, count = np.unique(_numbers(faces), return_index=True, return_counts=True)
     faces, part = faces[first[count == 1]], part[first[count == 1]]
     part_of = np.zeros(len(points), dtype=np.int64)
     part_of[cells] = parts[:, None]
