@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Chain"]
 
+_SINCE = {"element": "trilinear", "mesh_unit": "m", "merge_nodes": False}
+"""What a scene did not say at first; where it is what it was then, stages are those of then."""
+
 
 @dataclass(frozen=True)
 class Chain:
@@ -98,8 +101,9 @@ class Chain:
         from workflows.runs.fe2 import fe2
 
         run: dict[str, Any] = {**scene.parameters(), "bar_force": self.bar_force}
-        if run["element"] != "enhanced":
-            del run["element"]  # as stages were named before there was another
+        for name, old in _SINCE.items():
+            if run.get(name) in (old, None):
+                run.pop(name, None)
         name = "-".join(["fe2", scene.load, scene.kinematics, scene.clamp] + ["flat"] * scene.flat)
         solve = partial(fe2, scene=scene, tissue=self.tissue, plots=False, say=say)
         return stages.run(name, run, solve)
