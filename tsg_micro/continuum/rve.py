@@ -6,11 +6,19 @@ displacements is H e_a times the thickness, kept by three constraints. A strain 
 the condition that its stress vanishes, so a sheet in plane stress has the components zz, yz, xz free.
 The derivative of the stored energy by H is V0 P, with P the first Piola stress; its second derivative, condensed
 on the nodes, is the consistent tangent.
+
+An axis can also be held: its two outer faces are clamped, moved apart as H says and otherwise rigid. So a row of
+blocks at a clamp is half of an RVE that is held across it, as the outer column of a sheet is half of one that is free
+across it. Strain along a clamp is zero at its face and grows away from it: the jumps across the periodic axes rise from
+none at the faces to twice H in the middle, so that H is their mean. What a clamp keeps from moving along itself, as the
+thickness of a sheet, does no work on H; it is the support stress, what the members' mean stress holds beside P.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,6 +53,10 @@ class RVEState:
     equilibrium: Equilibrium
     rate: Array | None = None
     """d y / d strain (3n + 9, 6): how all unknowns follow the Mandel strain; there with the tangent."""
+    support_stress: Array | None = None
+    """Mean of the members' t (x) L less P (3, 3), Pa: what clamps carry beside P; None where no axis is held."""
+    support_tangent: Array | None = None
+    """Derivative of its symmetric part by the strain (6, 6), Pa, Mandel; there with the tangent."""
 
     @property
     def strain(self) -> Array:
@@ -75,28 +87,37 @@ class RVE:
         structure: Structure,
         *,
         free: tuple[str, ...] = (),
+        held: tuple[bool, bool, bool] = (False, False, False),
         slack: bool = False,
         options: NewtonOptions | None = None,
     ) -> None:
-        """``free`` names the strain components without stress, among xx, yy, zz, yz, xz, xy.
+        """``free`` names the strain components without stress, among xx, yy, zz, yz, xz, xy; ``held`` are axes.
 
-        Raises InputError: no axis is periodic, or a name is unknown or comes twice.
+        Raises InputError: no axis is periodic or held, one is both, or a name is unknown or comes twice.
         """
-        if not any(structure.periodic):
-            raise InputError("structure: expected at least one periodic axis")
+        if not (any(structure.periodic) or any(held)):
+            raise InputError("structure: expected at least one axis that is periodic or held")
+        if any(a and b for a, b in zip(structure.periodic, held, strict=True)):
+            raise InputError(f"held: expected axes that are not periodic, got {held} and {structure.periodic}")
         if len(set(free)) != len(free):
             raise InputError(f"free: expected every strain component once, got {', '.join(free)}")
         unknown = [name for name in free if name not in COMPONENTS]
         if unknown:
             raise InputError(f"free: expected strain components among {', '.join(COMPONENTS)}, got {unknown[0]!r}")
-        self.structure = structure
+        self.structure, self.held = structure, held
         self.free = tuple(COMPONENTS.index(name) for name in free)
-        fixed = np.zeros(structure.nodes.shape, dtype=bool)
-        fixed[0] = True  # a rigid translation of a periodic body changes nothing
+        fixed, levers = np.zeros(structure.nodes.shape, dtype=bool), None
+        if any(held):
+            fixed, levers = _clamps(structure, held)
+        else:
+            fixed[0] = True  # a rigid translation of a periodic body changes nothing
         border = Border(
-            BASIS[list(self.free)].reshape(-1, 9).T, _mean_constraints(structure), held=_free_rotation(structure)
+            BASIS[list(self.free)].reshape(-1, 9).T,
+            _mean_constraints(structure, held),
+            held=None if any(held) else _free_rotation(structure),
         )
-        self.solver = EquilibriumSolver(structure, fixed=fixed, border=border, slack=slack, options=options)
+        kept: dict[str, Any] = {"fixed": fixed, "levers": levers, "border": border}
+        self.solver = EquilibriumSolver(structure, **kept, slack=slack, options=options)
 
     def reset(self) -> None:
         """Go back to the reference state."""
@@ -139,7 +160,7 @@ class RVE:
         result = self.solver.solve(H=np.asarray(H, dtype=float), stable=tangent, steps=steps)
         volume = self.structure.volume
         stiffness, rate = self._tangent(result) if tangent else (None, None)
-        return RVEState(
+        state = RVEState(
             F=np.eye(3) + result.H,
             first_piola=result.macro_force / volume,
             energy=result.energy / volume,
@@ -147,6 +168,19 @@ class RVE:
             equilibrium=result,
             rate=rate,
         )
+        return self._with_supports(state) if any(self.held) else state
+
+    def _with_supports(self, state: RVEState) -> RVEState:
+        """The state with what its clamps carry: all that the members' mean stress holds beside P."""
+        volume, L = self.structure.volume, self.solver.system.reference
+        members = state.equilibrium.members
+        force = members.force_density[:, None] * members.vector
+        carried = np.einsum("ma,mb->ab", force, L) / volume - state.first_piola
+        if state.rate is None or state.tangent is None:
+            return dataclasses.replace(state, support_stress=carried)
+        change = self.solver.system.member_forces(members, state.rate)  # (m, 3, 6)
+        mean = to_mandel(np.einsum("mak,mb->kab", change, L) / volume).T
+        return dataclasses.replace(state, support_stress=carried, support_tangent=mean - state.tangent)
 
     def _tangent(self, result: Equilibrium) -> tuple[Array, Array]:
         """Second derivative (6, 6) of the energy by symmetric H, J, with the factor that the solver holds; the rate."""
@@ -166,12 +200,33 @@ class RVE:
         return 0.5 * (tangent + tangent.T), macro
 
 
-def _mean_constraints(structure: Structure) -> Array:
+def _clamps(structure: Structure, held: tuple[bool, bool, bool]) -> tuple[NDArray[np.bool_], Array]:
+    """Mask (n, 3) of the nodes on the faces that are held, and how H moves the members (m, 3, 3), m.
+
+    A face across axis n is displaced by H e_n X_n, and turned with the body by e_n H_nt X_t; along itself it is rigid.
+    """
+    nodes, (first, second) = structure.nodes, structure.members.T
+    fixed = np.zeros(nodes.shape, dtype=bool)
+    carried = np.zeros((len(nodes), 3, 3))
+    levers = np.repeat((structure.shift * structure.size)[:, None, :], 3, axis=1)
+    for axis in np.flatnonzero(held):
+        face = np.concatenate([side_nodes(structure, int(axis), end=end) for end in ("low", "high")])  # type: ignore[arg-type]
+        fixed[face] = True
+        carried[face, :, axis] = nodes[face, None, axis]
+        carried[face, axis, :] = nodes[face]
+        along = [a for a in range(3) if a != axis]
+        depth = nodes[:, axis] - nodes[:, axis].min()
+        rise = 2.0 - np.abs(4.0 * depth / structure.size[axis] - 2.0)  # 0 at the faces, 2 in the middle
+        levers[np.ix_(range(len(levers)), along, along)] *= (0.5 * (rise[first] + rise[second]))[:, None, None]
+    return fixed, levers + carried[second] - carried[first]
+
+
+def _mean_constraints(structure: Structure, held: tuple[bool, bool, bool]) -> Array:
     """Rows (c, 3n + 9): mean displacement of the high face less that of the low one, less H e_a times the thickness."""
     n = structure.nodes.size
     rows = []
-    for axis, repeats in enumerate(structure.periodic):
-        if repeats:
+    for axis in range(3):
+        if structure.periodic[axis] or held[axis]:
             continue
         high, low = side_nodes(structure, axis, end="high"), side_nodes(structure, axis, end="low")
         for alpha in range(3):
@@ -201,6 +256,7 @@ def build_rve(
     periodic: tuple[bool, bool, bool] = (True, True, False),
     images: Images = "merged",
     free: tuple[str, ...] = ("zz", "yz", "xz"),
+    held: tuple[bool, bool, bool] = (False, False, False),
     options: NewtonOptions | None = None,
 ) -> RVE:
     """An RVE of 2x2x2-cell blocks with bar force f_b (N); by default one block of a sheet with free faces.

@@ -1,4 +1,4 @@
-"""Which RVE data are from, in a form that makes the same one again: tissue, blocks, periodic axes, images, free axes.
+"""Which RVE data are from, in a form that makes the same one again: tissue, blocks, what holds at its faces.
 
 A data set holds it among its parameters as ``tissue`` (bar force and cell) and ``rve`` (all else). Older ones say the
 same in other words, or leave out what was at its default then.
@@ -25,7 +25,7 @@ SHEET = ("zz", "yz", "xz")
 
 @dataclass(frozen=True)
 class RVESpec:
-    """A periodic piece of tissue: 2x2x2-cell ``blocks`` along x, y, z, and what holds at its faces.
+    """A piece of tissue: 2x2x2-cell ``blocks`` along x, y, z, and axes that are ``periodic``, ``held`` or neither: free.
 
     ``free`` names the strain components that are found by the condition that their stress vanishes.
 
@@ -38,6 +38,7 @@ class RVESpec:
     periodic: tuple[bool, bool, bool] = (True, True, False)
     images: Images = "merged"
     free: tuple[str, ...] = SHEET
+    held: tuple[bool, bool, bool] = (False, False, False)
 
     def __post_init__(self) -> None:
         if len(self.blocks) != 3 or min(self.blocks) < 1:
@@ -52,11 +53,14 @@ class RVESpec:
             InputError: axes or free components that are not valid.
         """
         nx, ny, nz = (2 * n for n in self.blocks)
-        return RVE(self.tissue.box((nx, ny, nz), periodic=self.periodic, images=self.images), free=self.free)
+        structure = self.tissue.box((nx, ny, nz), periodic=self.periodic, images=self.images)
+        return RVE(structure, free=self.free, held=self.held)
 
     def parameters(self) -> dict[str, Any]:
         """What a data set says of it, ready for JSON; :meth:`of` reads it."""
-        rve = {"blocks": self.blocks, "periodic": self.periodic, "images": self.images, "free": self.free}
+        rve: dict[str, Any] = {"blocks": self.blocks, "periodic": self.periodic, "images": self.images, "free": self.free}
+        if any(self.held):
+            rve["held"] = self.held
         return {"tissue": self.tissue.as_dict(), "rve": {name: _plain(value) for name, value in rve.items()}}
 
     @classmethod
@@ -74,7 +78,7 @@ class RVESpec:
             rve["free"] = source["box"].get("free", SHEET) if "box" in source else ()
         else:
             return None
-        check_names("rve", rve, ["blocks", "periodic", "images", "free"])
+        check_names("rve", rve, ["blocks", "periodic", "images", "free", "held"])
         shape: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in rve.items()}
         return cls(tissue, **shape)
 

@@ -55,8 +55,8 @@ class EquilibriumSolver:
     """Follows the equilibrium of one structure from load to load; starts at its reference geometry.
 
     ``fixed`` (n, 3) marks the displacements that are prescribed; all others are unknown. The macroscopic
-    displacement gradient H is prescribed but for the directions in ``border``. A pressure can act on a closed
-    ``surface``.
+    displacement gradient H is prescribed but for the directions in ``border``; it moves the members as ``levers`` say
+    (:class:`MemberSystem`). A pressure can act on a closed ``surface``.
     """
 
     def __init__(
@@ -67,6 +67,7 @@ class EquilibriumSolver:
         border: Border | None = None,
         slack: bool = False,
         surface: Surface | None = None,
+        levers: Array | None = None,
         options: NewtonOptions | None = None,
     ) -> None:
         """Raises InputError: ``fixed`` has another shape than the nodes, fixes all, or nothing where no border does."""
@@ -77,7 +78,7 @@ class EquilibriumSolver:
             raise InputError("fixed: expected some displacements to be prescribed and some to be free")
         self.structure = structure
         self.system = (
-            MemberSystem(structure, slack=slack)
+            MemberSystem(structure, slack=slack, levers=levers)
             if surface is None
             else PressurisedSystem(structure, surface, slack=slack)
         )

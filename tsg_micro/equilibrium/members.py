@@ -1,10 +1,10 @@
 """Exact energy, force and tangent of a structure's members.
 
-Each member has the vector d = D y + d_ref, linear in the unknowns y = (nodal displacements, macroscopic
-displacement gradient H); H moves only members that end at a periodic image. With length l = |d| the member law gives
-energy, force t and stiffness dt/dl, by default EA (l - l0)^2 / (2 l0), EA (l - l0) / l0 and EA / l0; the force density
-is q = t / l, and the tangent of t d / l is q 1 + (dt/dl - q) n (x) n: K_G + K_E of the paper's Section 2.1, exact and
-symmetric.
+Each member has the vector d = D y + d_ref, linear in the unknowns y = (nodal displacements, macroscopic displacement
+gradient H); H moves members that end at a periodic image or at a side that it takes along. With length l = |d| the
+member law gives energy, force t and stiffness dt/dl, by default EA (l - l0)^2 / (2 l0), EA (l - l0) / l0 and EA / l0;
+the force density is q = t / l, and the tangent of t d / l is q 1 + (dt/dl - q) n (x) n: K_G + K_E of the paper's
+Section 2.1, exact and symmetric.
 """
 
 from __future__ import annotations
@@ -48,9 +48,10 @@ class MemberSystem:
     """The members of a structure as functions of y: (3n,) displacements in m, then the 9 entries of H.
 
     They answer by the law of the structure; with ``slack`` by the linear law, and tendons carry no compression.
+    ``levers`` (m, 3, 3), m, say how H moves them, d_a += sum_b H_ab lever_ab; if None, as the period between their ends.
     """
 
-    def __init__(self, structure: Structure, *, slack: bool = False) -> None:
+    def __init__(self, structure: Structure, *, slack: bool = False, levers: Array | None = None) -> None:
         n, m = len(structure.nodes), len(structure.members)
         self.structure = structure
         self.reference = member_vectors(structure)
@@ -67,12 +68,12 @@ class MemberSystem:
         axes = np.arange(3)
         row = (3 * np.arange(m)[:, None] + axes).ravel()
         i, j = ((3 * structure.members[:, end, None] + axes).ravel() for end in (0, 1))
-        jump = structure.shift * structure.size  # reference vector to the image
-        at = np.flatnonzero(jump.any(axis=1))
-        # d_alpha += sum_beta H[alpha, beta] jump_beta
+        if levers is None:  # the reference vector to the image
+            levers = np.broadcast_to((structure.shift * structure.size)[:, None, :], (m, 3, 3))
+        at = np.flatnonzero(levers.any(axis=(1, 2)))
         macro_row = np.repeat((3 * at[:, None] + axes).ravel(), 3)
         macro_column = np.tile(self.nodal_size + np.arange(MACRO), len(at))
-        macro_value = np.broadcast_to(jump[at, None, :], (len(at), 3, 3)).ravel()
+        macro_value = levers[at].ravel()
         ones = np.ones(3 * m)
         self.D = sp.csr_array(
             (
@@ -100,11 +101,15 @@ class MemberSystem:
 
     def tangent_product(self, state: MemberState, directions: Array) -> Array:
         """Second derivative of the energy times ``directions`` (3n + 9, k)."""
+        change = self.member_forces(state, directions)
+        return np.asarray(self.DT @ change.reshape(3 * len(change), -1))
+
+    def member_forces(self, state: MemberState, directions: Array) -> Array:
+        """Change (m, 3, k) of the force vectors t n along ``directions`` (3n + 9, k)."""
         q, n = state.force_density, state.vector / state.length[:, None]
         change = (self.D @ directions).reshape(len(q), 3, -1)
         along = np.einsum("ma,mak->mk", n, change)
-        change = q[:, None, None] * change + ((state.stiffness - q)[:, None] * along)[:, None, :] * n[:, :, None]
-        return np.asarray(self.DT @ change.reshape(3 * len(q), -1))
+        return q[:, None, None] * change + ((state.stiffness - q)[:, None] * along)[:, None, :] * n[:, :, None]
 
     def member_blocks(self, state: MemberState) -> Array:
         """Member tangents q 1 + (dt/dl - q) n (x) n (m, 9), N/m."""
