@@ -58,7 +58,12 @@ class RVESpec:
 
     def parameters(self) -> dict[str, Any]:
         """What a data set says of it, ready for JSON; :meth:`of` reads it."""
-        rve: dict[str, Any] = {"blocks": self.blocks, "periodic": self.periodic, "images": self.images, "free": self.free}
+        rve: dict[str, Any] = {
+            "blocks": self.blocks,
+            "periodic": self.periodic,
+            "images": self.images,
+            "free": self.free,
+        }
         if any(self.held):
             rve["held"] = self.held
         return {"tissue": self.tissue.as_dict(), "rve": {name: _plain(value) for name, value in rve.items()}}
