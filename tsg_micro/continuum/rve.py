@@ -256,7 +256,6 @@ def build_rve(
     periodic: tuple[bool, bool, bool] = (True, True, False),
     images: Images = "merged",
     free: tuple[str, ...] = ("zz", "yz", "xz"),
-    held: tuple[bool, bool, bool] = (False, False, False),
     options: NewtonOptions | None = None,
 ) -> RVE:
     """An RVE of 2x2x2-cell blocks with bar force f_b (N); by default one block of a sheet with free faces.

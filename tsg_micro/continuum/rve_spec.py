@@ -25,7 +25,7 @@ SHEET = ("zz", "yz", "xz")
 
 @dataclass(frozen=True)
 class RVESpec:
-    """A piece of tissue: 2x2x2-cell ``blocks`` along x, y, z, and axes that are ``periodic``, ``held`` or neither: free.
+    """A piece of tissue: 2x2x2-cell ``blocks`` along x, y, z; its axes are ``periodic``, ``held`` or neither, free.
 
     ``free`` names the strain components that are found by the condition that their stress vanishes.
 

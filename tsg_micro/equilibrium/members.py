@@ -48,7 +48,7 @@ class MemberSystem:
     """The members of a structure as functions of y: (3n,) displacements in m, then the 9 entries of H.
 
     They answer by the law of the structure; with ``slack`` by the linear law, and tendons carry no compression.
-    ``levers`` (m, 3, 3), m, say how H moves them, d_a += sum_b H_ab lever_ab; if None, as the period between their ends.
+    ``levers`` (m, 3, 3), m, say how H moves them, d_a += sum_b H_ab lever_ab; if None, as the periods between ends.
     """
 
     def __init__(self, structure: Structure, *, slack: bool = False, levers: Array | None = None) -> None:
