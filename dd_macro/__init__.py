@@ -36,9 +36,11 @@ from dd_macro.scene.kinematics import FiniteStrain
 from dd_macro.scene.loads import Load, Traction
 from dd_macro.scene.mesh import SIDES, TaggedMesh, box, read_msh
 from dd_macro.scene.problem import Problem
+from dd_macro.scene.regions import INSIDE, Regions, edge_regions
 from dd_macro.scene.spaces import GradientOperator, StrainOperator, TangentMatrix
 
 __all__ = [
+    "INSIDE",
     "METHODS",
     "METRICS",
     "SIDES",
@@ -80,6 +82,7 @@ __all__ = [
     "QuadratureFields",
     "ReferenceOptions",
     "ReferenceResult",
+    "Regions",
     "SecondOrderOptions",
     "SecondOrderResult",
     "Solution",
@@ -96,6 +99,7 @@ __all__ = [
     "box",
     "choose_metric",
     "compare_blocks",
+    "edge_regions",
     "equilibrium",
     "estimate_tangents",
     "fit_linear",

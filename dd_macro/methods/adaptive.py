@@ -12,6 +12,7 @@ error = change rho / (1 - rho).
 
 from __future__ import annotations
 
+import itertools
 import time
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Self
@@ -21,8 +22,9 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from dd_macro.material.metric import Metric
-from dd_macro.material.source import Source
+from dd_macro.material.regional import search_in_regions
 from dd_macro.material.tangent_spaces import TangentSearch
+from dd_macro.methods.adaptive_data import AllData, PartData
 from dd_macro.methods.clusters import cluster
 from dd_macro.methods.method import SILENT, Material, Watch, with_iterations
 from dd_macro.methods.metric_choice import choose_metric
@@ -32,7 +34,7 @@ from dd_macro.methods.second_order_steps import StepRecord
 from dd_macro.methods.theory import local_tangent_step, project
 from dd_macro.parallel import one_thread, total
 from dd_macro.scene.problem import Problem
-from tsg_micro.data.dataset import Dataset, convert_dataset, join_datasets
+from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import InputError
 
 __all__ = ["Adaptation", "AdaptiveMethod", "AdaptiveResult", "PreparedAdaptive", "Round"]
@@ -127,11 +129,12 @@ class AdaptiveMethod:
         self, problem: Problem, material: Material, *, projection: Projection | None = None
     ) -> PreparedAdaptive:
         """Nothing is made before the first data are there; see dd_macro.Method."""
-        if material.source is None:
-            raise InputError("material: expected a source of data, got none")
-        if material.dataset is not None and material.dataset.tangent is None:
-            raise InputError("data: expected tangents for --adapt, got none")
-        return PreparedAdaptive(self, problem, material, material.source)
+        for part in material.each:
+            if part.source is None:
+                raise InputError("material: expected a source of data, got none")
+            if part.dataset is not None and part.dataset.tangent is None:
+                raise InputError("data: expected tangents for --adapt, got none")
+        return PreparedAdaptive(self, problem, material)
 
     def tuned(self, *, max_iterations: int | None = None, over_relaxation: float | None = None) -> Self:
         """See dd_macro.Method."""
@@ -140,12 +143,11 @@ class AdaptiveMethod:
 
 @dataclass(frozen=True, eq=False)
 class PreparedAdaptive:
-    """A problem, and the source of its data."""
+    """A problem, and its material with the sources of its data."""
 
     method: AdaptiveMethod
     problem: Problem
     material: Material
-    source: Source
     text: str = ""
     seconds_metric: float = 0.0
 
@@ -158,7 +160,7 @@ class PreparedAdaptive:
             ConvergenceError: a solve failed; the data until then were kept.
         """
         begin, plan = time.perf_counter(), self.method.plan
-        data = _Data(self.material, self.source)
+        data = AllData([PartData(part) for part in self.material.each])
         rounds = _Rounds(self, data, start)
         while not rounds.reason:
             known = data.all
@@ -185,14 +187,15 @@ class PreparedAdaptive:
 class _Rounds:
     """What goes from round to round: the state, the search of the last data, how far its strains are from them."""
 
-    def __init__(self, prepared: PreparedAdaptive, data: _Data, start: MechanicalState | None) -> None:
+    def __init__(self, prepared: PreparedAdaptive, data: AllData, start: MechanicalState | None) -> None:
         self.problem, self.plan, self.data = prepared.problem, prepared.method.plan, data
         metric = prepared.material.metric
         if isinstance(metric, str):
-            metric = choose_metric(metric, self.problem, data.all, order=2)
+            metric = choose_metric(metric, self.problem, data.parts[0].all, order=2)
         self.projection = project(self.problem, metric)
         self._onto = local_tangent_step(StepRecord(self.projection, _MOST_ROUNDS, None))
-        self._given = prepared.material.dataset is not None
+        self._given = prepared.material.each[0].dataset is not None
+        self._points = [np.flatnonzero(self.problem.region_of_points == k) for k in range(len(data.parts))]
         self._away = np.inf
         self._surprise: float | None = None
         self.z = self.projection.elastic() if start is None else start
@@ -202,7 +205,8 @@ class _Rounds:
     def step(self, known: Dataset) -> dict[str, Any]:
         """One step with the data ``known``: the numbers of its round."""
         operator, C, last, data = self.problem.operator, self.projection.metric, self.z, self.data
-        self.search = TangentSearch(known, C)
+        self._searches = [TangentSearch(part.all, C) for part in data.parts]
+        self.search = search_in_regions(self._searches, self.problem.region_of_points)
         self.spaces, iterations = self.search.spaces(last.strain, last.stress), 0
         if self.done or self._given:
             step = self._onto
@@ -226,61 +230,34 @@ class _Rounds:
     def grow(self, known: Dataset) -> None:
         """Ask for more data, or say why there are no more."""
         comm, w, plan = self.problem.operator.comm, self.problem.operator.weights, self.plan
-        used = np.count_nonzero(total(comm, np.bincount(self.spaces.index, minlength=len(known))))
-        count, rest = max(1, round((plan.growth - 1.0) * used)), plan.budget - self.data.rves
-        count = rest if rest < 2 * count else count  # no small round in the end
-        metric = self.projection.metric
-        wanted, nearest = cluster(comm, self.z.strain, w, known.strain, count=count, metric=metric)
-        found = self.data.add(wanted, known.strain[nearest]) if len(wanted) else None
-        if found is None:
-            self.reason = "no RVE reached its strain" if len(wanted) else "every strain has its datum"
+        times = total(comm, np.bincount(self.spaces.index, minlength=len(known)))
+        begin = np.cumsum([0, *(len(part.all) for part in self.data.parts)])
+        used = np.array([np.count_nonzero(times[a:b]) for a, b in itertools.pairwise(begin)])
+        count = _shares(np.maximum(1, np.round((plan.growth - 1.0) * used)).astype(int), plan.budget - self.data.rves)
+        found: list[float] = []
+        asked, metric = 0, self.projection.metric
+        for part, search, at, more in zip(self.data.parts, self._searches, self._points, count, strict=True):
+            if more == 0:
+                continue
+            there = part.all.strain
+            wanted, nearest = cluster(comm, self.z.strain[at], w[at], there, count=int(more), metric=metric)
+            asked += len(wanted)
+            new = part.add(wanted, there[nearest]) if len(wanted) else None
+            found += [] if new is None else [_surprise(new, search)]
+        if not found:
+            self.reason = "no RVE reached its strain" if asked else "every strain has its datum"
         else:
-            self._surprise = _surprise(found, self.search)
+            self._surprise = max(found)
 
 
-class _Data:
-    """The data so far, ``all`` of them, and what the source did: how many were asked for, failed, and took seconds.
-
-    Raises:
-        InputError: the measure does not fit the data.
-    """
-
-    def __init__(self, material: Material, source: Source) -> None:
-        base = material.dataset
-        self.measure = material.measure or ("first_piola" if base is None else base.stress_measure)
-        self.source, self.base = source, None if base is None else convert_dataset(base, self.measure)
-        self._new: Dataset | None = None
-        self.rves = self.failed = 0
-        self.seconds = 0.0
-        if base is None:
-            self.add(np.zeros((1, 6)), np.zeros((1, 6)))
-
-    @property
-    def all(self) -> Dataset:
-        """The base and what was added, as one."""
-        if self.base is None or self._new is None:
-            one = self.base or self._new
-            assert one is not None
-            return one
-        return join_datasets(self.base, self._new)
-
-    def add(self, strains: Array, origins: Array) -> Dataset | None:
-        """Add data at ``strains`` and return them, see dd_macro.Source; None if none was reached."""
-        clock = time.perf_counter()
-        found = self.source.states(strains, origins)
-        self.seconds += time.perf_counter() - clock
-        self.rves += len(strains)
-        self.failed += len(strains) - (0 if found is None else len(found))
-        if found is None:
-            return None
-        found = convert_dataset(found, self.measure)
-        if self._new is None:
-            self._new = found
-        else:  # of one run: unlike join_datasets it has one source
-            more = found.arrays()
-            arrays: dict[str, Any] = {name: np.concatenate([a, more[name]]) for name, a in self._new.arrays().items()}
-            self._new = replace(self._new, **arrays)
-        return found
+def _shares(count: NDArray[np.int64], rest: int) -> NDArray[np.int64]:
+    """How many to ask for in each part, not more than the ``rest``; all of it where no small round would be left."""
+    if rest >= 2 * count.sum():
+        return count
+    part = rest * count / count.sum()
+    share = np.floor(part).astype(np.int64)
+    share[np.argsort(share - part, kind="stable")[: rest - share.sum()]] += 1
+    return share
 
 
 def _gap(comm: MPI.Comm, w: Array, C: Metric, strain: Array, datum: Array) -> tuple[float, float]:

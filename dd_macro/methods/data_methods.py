@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dd_macro.material.estimated_tangents import estimate_tangents
 from dd_macro.material.metric import Metric
+from dd_macro.material.regional import search_in_regions
 from dd_macro.material.search import MaterialSearch
 from dd_macro.material.tangent_spaces import TangentSearch, TangentSpaces
 from dd_macro.methods.method import SILENT, Material, Watch, with_iterations
@@ -86,12 +87,13 @@ class DataMethod(ABC):
     def prepare(self, problem: Problem, material: Material, *, projection: Projection | None = None) -> PreparedData:
         """Metric, projection and search; see dd_macro.Method."""
         clock = time.perf_counter()
-        dataset, metric = self.given(material.data()), material.metric
+        datasets, metric = [self.given(part.data()) for part in material.each], material.metric
         if isinstance(metric, str):
-            metric = choose_metric(metric, problem, dataset, order=self.order)
+            metric = choose_metric(metric, problem, datasets[0], order=self.order)
         seconds = time.perf_counter() - clock
         projection = projection or project(problem, metric)
-        return PreparedData(self, projection, self.search(dataset, metric), seconds)
+        searches = [self.search(dataset, metric) for dataset in datasets]
+        return PreparedData(self, projection, search_in_regions(searches, problem.region_of_points), seconds)
 
     def tuned(self, *, max_iterations: int | None = None, over_relaxation: float | None = None) -> Self:
         """See dd_macro.Method; a method without such numbers refuses them."""

@@ -115,23 +115,31 @@ def state_on(u: Array, found: Kinematics, stress: Array) -> MechanicalState:
 def in_space[S: Solution](result: S, measure: str = "first_piola") -> S:
     """``result`` with strain sym(F - I) and the stress ``measure``, both states turned to where the body is.
 
-    A result in small strain stays as it is.
+    The stresses are those of the members: what clamps carry is added. A result in small strain is turned by nothing.
     """
-    z = result.mechanical
+    z, support = result.mechanical, result.support
     if not isinstance(z, FiniteState):
-        return result
+        if support is None:
+            return result
+        shown = dataclasses.replace(z, stress=z.stress + support)
+        return dataclasses.replace(
+            result, mechanical=shown, material_stress=result.material_stress + support, support=None
+        )
     R = FiniteStrain((z.F - np.eye(3)).reshape(-1, 9)).R
     U = np.eye(3) + from_mandel(result.material_strain)
     F = R @ U
-    P = F @ second_piola(U, result.material_stress)
+    P, of_body = F @ second_piola(U, result.material_stress), z.first_piola
+    if support is not None:
+        P, of_body = (stress + R @ from_mandel(support) for stress in (P, of_body))
     shown = MechanicalState(
-        z.u, z.eta, to_mandel(z.F - np.eye(3)), convert_stress(to_mandel(z.first_piola), z.F, "first_piola", measure)
+        z.u, z.eta, to_mandel(z.F - np.eye(3)), convert_stress(to_mandel(of_body), z.F, "first_piola", measure)
     )
     return dataclasses.replace(
         result,
         mechanical=shown,
         material_strain=to_mandel(F - np.eye(3)),
         material_stress=convert_stress(to_mandel(P), F, "first_piola", measure),
+        support=None,
     )
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Self
 
 from dd_macro.material.laws import Law
+from dd_macro.material.regional import RegionalLaw
 from dd_macro.methods.method import SILENT, Material, Watch, with_iterations
 from dd_macro.methods.newton import equilibrium
 from dd_macro.methods.projection import MechanicalState, Projection
@@ -31,11 +32,16 @@ class LawMethod:
 
     def prepare(self, problem: Problem, material: Material, *, projection: Projection | None = None) -> PreparedLaw:
         """The law; see dd_macro.Method."""
+        laws = [self._law(part) for part in material.each]
+        law = laws[0] if len(laws) == 1 else RegionalLaw(laws, problem.region_of_points)
+        return PreparedLaw(self, problem, law, None if self.fit is None else material.dataset)
+
+    def _law(self, material: Material) -> Law:
         if self.fit is not None:
-            return PreparedLaw(self, problem, self.fit(material.data()), material.dataset)
+            return self.fit(material.data())
         if material.law is None:
             raise InputError("material: expected a law, got none")
-        return PreparedLaw(self, problem, material.law, None)
+        return material.law
 
     def tuned(self, *, max_iterations: int | None = None, over_relaxation: float | None = None) -> Self:
         """See dd_macro.Method; iterations are those of a load step."""

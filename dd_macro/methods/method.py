@@ -31,6 +31,13 @@ class Material:
     law: Law | None = None
     source: Source | None = None
     measure: str | None = None
+    parts: tuple[Material, ...] = ()
+    """One for each region of the problem, in their order, where it has regions."""
+
+    @property
+    def each(self) -> tuple[Material, ...]:
+        """The parts, or the material itself where there is one only."""
+        return self.parts or (self,)
 
     def data(self) -> Dataset:
         """The data set.

@@ -17,6 +17,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from dd_macro.material.laws import Law
+from dd_macro.material.regional import RegionalLaw
 from dd_macro.methods.finite_projection import state_on
 from dd_macro.methods.reference import NewtonIteration, ReferenceOptions, ReferenceResult
 from dd_macro.parallel import one_thread, total
@@ -106,6 +107,7 @@ def equilibrium(
         raise ConvergenceError(f"Newton's method, from load {load:.4g}: {error}", scene.history) from None
     z = state_on(state.u, state.found, state.stress)
     points = len(z.strain)
+    support = law.support(z.strain) if isinstance(law, RegionalLaw) else None
     return ReferenceResult(
         problem=problem,
         metric=None,
@@ -125,6 +127,7 @@ def equilibrium(
         load_steps=load_steps,
         solver=scene.linear.name,
         history=tuple(scene.history),
+        support=support,
     )
 
 

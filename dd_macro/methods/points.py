@@ -215,6 +215,7 @@ def _result(
         mechanical=z,
         material_strain=data.strain[index],
         material_stress=data.stress[index],
+        support=None if data.support is None else data.support[index],
         index=index,
         local_distance=local,
         distance=float(np.sqrt(sums[0])),

@@ -22,6 +22,7 @@ from dd_macro.methods.projection import MechanicalState, Projection
 from dd_macro.methods.second_order_steps import AlternatingStep, Step, StepRecord
 from dd_macro.methods.theory import local_tangent_step, theory_of
 from dd_macro.parallel import one_thread, total
+from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import ConvergenceError, InputError
 
 __all__ = ["SecondOrderOptions", "SecondOrderResult", "StepName", "solve_second_order"]
@@ -206,6 +207,16 @@ def _between(a: MechanicalState, b: MechanicalState, part: float) -> MechanicalS
     return b if part == 1.0 else MechanicalState(*(x + part * (y - x) for x, y in pairs))
 
 
+def _support(data: Dataset, index: NDArray[np.int64], strain: Array) -> Array | None:
+    """What clamps carry at the points (n, 6), Pa, of their data and how it changes with the strain (n, 6)."""
+    if data.support is None:
+        return None
+    support = data.support[index]
+    if data.support_tangent is not None:
+        support = support + np.einsum("nij,nj->ni", data.support_tangent[index], strain - data.strain[index])
+    return support
+
+
 def _result(
     record: StepRecord, search: TangentSearch, z: MechanicalState, spaces: TangentSpaces, **more: Any
 ) -> SecondOrderResult:
@@ -229,6 +240,7 @@ def _result(
         mechanical=z,
         material_strain=strain,
         material_stress=stress,
+        support=_support(search.dataset, spaces.index, z.strain),
         index=spaces.index,
         local_distance=local,
         distance=float(np.sqrt(sums[0])),

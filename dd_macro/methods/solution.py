@@ -43,6 +43,8 @@ class Solution:
     converged: bool
     reason: str
     solver: str
+    support: Array | None = None
+    """What clamps carry beside the stress at the points (n, 6), Pa; dd_macro.in_space adds it to both stresses."""
     dataset: Dataset | None = None
 
     @property

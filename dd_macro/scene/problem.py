@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dd_macro.parallel import total
 from dd_macro.scene.boundary import Displacement, prescribed_displacement, side_dofs
 from dd_macro.scene.loads import Load, nodal_forces
+from dd_macro.scene.regions import Regions
 from dd_macro.scene.spaces import StrainOperator
 
 __all__ = ["Problem"]
@@ -32,6 +33,8 @@ class Problem:
     operator: StrainOperator
     supports: Sequence[Displacement]
     loads: Sequence[Load] = ()
+    regions: Regions | None = None
+    """Of cells whose material differs; None where it is one."""
     fixed: NDArray[np.bool_] = field(init=False, repr=False)
     prescribed: Array = field(init=False, repr=False)
     forces: Array = field(init=False, repr=False)
@@ -42,6 +45,13 @@ class Problem:
         for name, array in found.items():
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+
+    @property
+    def region_of_points(self) -> NDArray[np.int64]:
+        """The region of every quadrature point (n,), 0 where there are no regions."""
+        if self.regions is None:
+            return np.zeros(len(self.operator.weights), dtype=np.int64)
+        return self.regions.points(self.operator.points_per_cell)
 
     def out_of_balance(self, stress: Array) -> Array:
         """Internal minus external forces in N on the unknowns, of the stress of the equations, (n, 6) or (n, 9)."""

@@ -54,6 +54,12 @@ class RVELaw:
         change = strain - states.strain
         return states.stress + np.einsum("nij,nj->ni", states.tangent, change), states.tangent.copy()
 
+    def support(self, strain: Array) -> Array:
+        """What clamps carry beside the stress (n, 6), Pa, at the strain (n, 6) of the last call."""
+        assert self._states is not None
+        states = self._states
+        return states.support + np.einsum("nij,nj->ni", states.support_tangent, strain - states.strain)
+
     @property
     def unstable(self) -> int:
         """Number of points whose RVE has negative pivots, which only motions without energy leave."""

@@ -85,6 +85,7 @@ class RVESource:
             return None
         found = WarmStates.join(reached)
         self.calls += 1
+        clamps = {"support": found.support, "support_tangent": found.support_tangent} if any(self.spec.held) else {}
         return state_dataset(
             F=found.F,
             first_piola=found.first_piola,
@@ -94,6 +95,7 @@ class RVESource:
             step=np.arange(len(found)),
             parameters=self.parameters,
             versions=self.versions,
+            **clamps,
         )
 
     def reach(self, strains: Array, origins: Array) -> list[WarmStates | None]:

@@ -6,8 +6,8 @@ same in other words, or leave out what was at its default then.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, get_args
 
 from tsg_micro.cells.lattice import Images
@@ -55,6 +55,20 @@ class RVESpec:
         nx, ny, nz = (2 * n for n in self.blocks)
         structure = self.tissue.box((nx, ny, nz), periodic=self.periodic, images=self.images)
         return RVE(structure, free=self.free, held=self.held)
+
+    def at(self, place: Sequence[str]) -> RVESpec:
+        """The RVE of a place at the sides of a body of this tissue, by what each axis meets there (x, y, z).
+
+        "" is the inside; "free" and "held" a side in one direction, so that two blocks across are both outer ones;
+        "free twice" and "held twice" sides in both. Axes that are not periodic stay as they are.
+        """
+        blocks, periodic, held = list(self.blocks), list(self.periodic), list(self.held)
+        for axis, met in enumerate(place):
+            if met and self.periodic[axis]:
+                periodic[axis], held[axis] = False, met.startswith("held")
+                blocks[axis] = 1 if met.endswith("twice") else 2
+        changed: dict[str, Any] = {"blocks": tuple(blocks), "periodic": tuple(periodic), "held": tuple(held)}
+        return replace(self, **changed)
 
     def parameters(self) -> dict[str, Any]:
         """What a data set says of it, ready for JSON; :meth:`of` reads it."""

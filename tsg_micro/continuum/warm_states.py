@@ -67,6 +67,9 @@ class WarmStates:
     rate: NDArray[np.float32]
     """d y / d strain; single precision: it only makes a first guess."""
     negative_pivots: Index
+    support: Array
+    """What clamps carry beside the stress, Mandel (n, 6), Pa; zero where no axis is held."""
+    support_tangent: Array
 
     @classmethod
     def of(cls, state: RVEState, rve: RVE) -> WarmStates:
@@ -83,6 +86,8 @@ class WarmStates:
             unknowns=rve.solver.y[None].copy(),
             rate=state.rate[None].astype(np.float32),
             negative_pivots=np.array([state.equilibrium.negative_pivots or 0]),
+            support=np.zeros((1, 6)) if state.support_stress is None else to_mandel(state.support_stress)[None],
+            support_tangent=np.zeros((1, 6, 6)) if state.support_tangent is None else state.support_tangent[None],
         )
 
     def __len__(self) -> int:

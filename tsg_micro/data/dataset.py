@@ -9,6 +9,9 @@ One HDF5 schema (version 1). Root attributes: ``format`` = "tsgdd-dataset", ``sc
     deformation_gradient (N,3,3) 1     optional  F, needed to change the stress measure
     energy (N) J/m^3                   optional  stored energy per reference volume
     midpoint (N,3) m                   optional  where each point was read off, for block means of a structure
+    support (N,6) Pa                   optional  what clamps carry beside the stress (tsg_micro.continuum.rve)
+    support_tangent (N,6,6) Pa         optional  d support / d strain
+    source (N) 1                       optional  which of the joined runs a point is from
 
 The attribute ``silent`` (JSON, none if it is not there) names strain components that the data say nothing about.
 """
@@ -29,6 +32,7 @@ from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import locked
 from tsg_micro.data.hdf5 import open_hdf5, read_array, text, write_hdf5
 from tsg_micro.data.mandel import COMPONENTS
+from tsg_micro.data.silent import check_silent, zero_components
 from tsg_micro.data.stress import check_measure, convert_stress, convert_tangent
 
 __all__ = [
@@ -53,6 +57,9 @@ UNITS = {
     "deformation_gradient": "1",
     "energy": "J/m^3",
     "midpoint": "m",
+    "support": "Pa",
+    "support_tangent": "Pa",
+    "source": "1",
 }
 _SHAPES: dict[str, tuple[int, ...]] = {
     "strain": (6,),
@@ -63,10 +70,13 @@ _SHAPES: dict[str, tuple[int, ...]] = {
     "deformation_gradient": (3, 3),
     "energy": (),
     "midpoint": (3,),
+    "support": (6,),
+    "support_tangent": (6, 6),
+    "source": (),
 }
 _REQUIRED = ("strain", "stress", "path", "step")
 _LARGEST = 1e60  # products of a few of them are still numbers
-_ROUND_OFF = 1e-9  # of the largest strain or stress
+_WHOLE = ("path", "step", "source")
 
 
 @dataclass(frozen=True)
@@ -94,6 +104,9 @@ class Dataset:
     deformation_gradient: Array | None = None
     energy: Array | None = None
     midpoint: Array | None = None
+    support: Array | None = None
+    support_tangent: Array | None = None
+    source: NDArray[np.int64] | None = None
     silent: tuple[str, ...] = ()
     parameters: dict[str, Any] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
@@ -131,27 +144,13 @@ class Dataset:
 
     def _check_silent(self) -> None:
         """Raise InputError where what is declared silent is not, and set round-off to zero."""
-        unknown = [name for name in self.silent if name not in COMPONENTS]
-        if unknown or len(set(self.silent)) != len(self.silent) or len(self.silent) == len(COMPONENTS):
-            raise InputError(
-                f"data set, silent: expected components among {', '.join(COMPONENTS)}, each once and not all of them, "
-                f"got {', '.join(map(str, self.silent))}"
-            )
-        if not self.silent:
-            return
-        zero = zero_components(self.strain, self.stress)
-        for name in self.silent:
-            if name not in zero:
-                i = COMPONENTS.index(name)
-                raise InputError(
-                    f"data set, silent: expected zero strain and stress in {name} at every point, got up to "
-                    f"{np.abs(self.strain[:, i]).max():.3g} and {np.abs(self.stress[:, i]).max():.3g} Pa"
-                )
-        for name in ("strain", "stress"):
-            array = np.array(getattr(self, name))
-            array[:, ~self.counted] = 0.0
-            object.__setattr__(self, name, array)
-        object.__setattr__(self, "silent", tuple(name for name in COMPONENTS if name in self.silent))
+        check_silent(self.strain, self.stress, self.silent)
+        if self.silent:
+            for name in ("strain", "stress"):
+                array = np.array(getattr(self, name))
+                array[:, ~self.counted] = 0.0
+                object.__setattr__(self, name, array)
+            object.__setattr__(self, "silent", tuple(name for name in COMPONENTS if name in self.silent))
 
     def __len__(self) -> int:
         return len(self.strain)
@@ -169,14 +168,6 @@ class Dataset:
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The arrays that are there, by name."""
         return {name: getattr(self, name) for name in UNITS if getattr(self, name) is not None}
-
-
-def zero_components(strain: Array, stress: Array) -> tuple[str, ...]:
-    """Components in which strain (N, 6) and stress (N, 6) are zero at all points, but for round-off."""
-    small = (np.abs(strain).max(axis=0) <= max(_ROUND_OFF * np.abs(strain).max(), 1e-12)) & (
-        np.abs(stress).max(axis=0) <= _ROUND_OFF * np.abs(stress).max()
-    )
-    return tuple(name for name, zero in zip(COMPONENTS, small, strict=True) if zero)
 
 
 def write_dataset(path: str | Path, dataset: Dataset) -> None:
@@ -220,7 +211,7 @@ def _parse(file: h5py.File) -> Dataset:
     if missing:
         raise InputError(f"expected the arrays {', '.join(_REQUIRED)}, {missing[0]} is missing")
     arrays = {name: read_array(file, name, unit) for name, unit in UNITS.items() if name in file}
-    for name in ("path", "step"):
+    for name in (name for name in _WHOLE if name in arrays):
         arrays[name] = _counts(name, arrays[name])
     seed = attributes.get("seed")
     return Dataset(
@@ -250,7 +241,7 @@ def take(dataset: Dataset, index: NDArray[Any]) -> Dataset:
 def join_datasets(first: Dataset, second: Dataset) -> Dataset:
     """Both sets as one; arrays that only one of them has are dropped, paths of the second are renumbered.
 
-    What is silent in both stays silent.
+    What is silent in both stays silent. Where no clamp was, none carried anything. ``source`` tells the runs apart.
 
     Raises:
         InputError: they hold different stress measures.
@@ -259,7 +250,13 @@ def join_datasets(first: Dataset, second: Dataset) -> Dataset:
         raise InputError(
             f"data sets to join: expected one stress measure, got {first.stress_measure} and {second.stress_measure}"
         )
-    a, b = first.arrays(), second.arrays()
+    a, b = _with_source(first), _with_source(second)
+    if "source" in b:
+        b["source"] = b["source"] + len(first.sources)
+    for name in ("support", "support_tangent"):
+        if (name in a) != (name in b):
+            there, other, n = (a, b, len(second)) if name in a else (b, a, len(first))
+            other[name] = np.zeros((n, *there[name].shape[1:]))
     b["path"] = b["path"] + (a["path"].max() + 1)
     joined: dict[str, Any] = {
         name: np.concatenate([a[name], b[name]]) if name in a and name in b else None for name in UNITS
@@ -268,6 +265,14 @@ def join_datasets(first: Dataset, second: Dataset) -> Dataset:
     silent = tuple(name for name in first.silent if name in second.silent)
     sources = {"joined": [*first.sources, *second.sources]}
     return dataclasses.replace(first, **joined, silent=silent, parameters=sources, seed=seed)
+
+
+def _with_source(dataset: Dataset) -> dict[str, NDArray[Any]]:
+    """The arrays, with the number of each point's run where it is known."""
+    arrays = dataset.arrays()
+    if "source" not in arrays and len(dataset.sources) == 1:
+        arrays["source"] = np.zeros(len(dataset), dtype=np.int64)
+    return arrays
 
 
 def append_dataset(path: str | Path, dataset: Dataset) -> Dataset:
@@ -301,5 +306,8 @@ def convert_dataset(dataset: Dataset, measure: str) -> Dataset:
     tangent = dataset.tangent
     if tangent is not None:
         tangent = convert_tangent(tangent, dataset.stress, F, source, measure)
-    stress = convert_stress(dataset.stress, F, source, measure)
-    return dataclasses.replace(dataset, stress=stress, tangent=tangent, stress_measure=measure)
+    found: dict[str, Any] = {"stress": convert_stress(dataset.stress, F, source, measure), "tangent": tangent}
+    found["support_tangent"] = None
+    if dataset.support is not None:
+        found["support"] = convert_stress(dataset.support, F, source, measure)
+    return dataclasses.replace(dataset, **found, stress_measure=measure)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
 import dd_macro as dd
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.rve_source import RVESource
 from tsg_micro.continuum.rve_spec import RVESpec
-from tsg_micro.data.dataset import Dataset
+from tsg_micro.data.dataset import Dataset, take
 from tsg_micro.data.errors import InputError
 from workflows.runs.scene import Scene
 from workflows.store.record import versions
 
-__all__ = ["adaptation", "rve_of", "source_for"]
+__all__ = ["adaptation", "material_of", "rve_of", "source_for", "specs_of"]
 
 
 def adaptation(
@@ -62,3 +66,32 @@ def source_for(scene: Scene, spec: RVESpec, problem: dd.Problem) -> RVESource:
     """The RVEs of a run of ``scene``, shared among the ranks of its mesh; their data say what they were made for."""
     made_for = {"adapted": {"load": scene.load, "strain": scene.strain}}
     return RVESource(spec, comm=problem.operator.comm, parameters=made_for, versions=versions())
+
+
+def specs_of(spec: RVESpec, problem: dd.Problem) -> tuple[RVESpec, ...]:
+    """The RVE of every region of the problem, that of the inside first."""
+    places = (dd.INSIDE,) if problem.regions is None else problem.regions.places
+    return tuple(spec.at(place) for place in places)
+
+
+def material_of(
+    scene: Scene, spec: RVESpec, problem: dd.Problem, dataset: Dataset | None, *, metric: str, measure: str | None
+) -> dd.Material:
+    """Sources of data for every region, and of the ``dataset`` what is of its RVE."""
+    specs = specs_of(spec, problem)
+    parts = [
+        dd.Material(given, metric, source=source_for(scene, one, problem), measure=measure)
+        for one, given in zip(specs, split(dataset, specs), strict=True)
+    ]
+    return replace(parts[0], parts=tuple(parts) if len(parts) > 1 else ())
+
+
+def split(dataset: Dataset | None, specs: tuple[RVESpec, ...]) -> list[Dataset | None]:
+    """The data of each of the RVEs, None where there are none; data that are not told apart are of the first one."""
+    if dataset is None or dataset.source is None or len(specs) == 1:
+        return [dataset, *(None for _ in specs[1:])]
+    axes = [(spec.periodic, spec.held) for spec in specs]
+    made = [RVESpec.from_parameters(source) for source in dataset.sources]
+    of_run = np.array([axes.index((m.periodic, m.held)) if m and (m.periodic, m.held) in axes else 0 for m in made])
+    region = of_run[dataset.source]
+    return [take(dataset, region == k) if (region == k).any() else None for k in range(len(specs))]

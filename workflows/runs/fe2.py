@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from mpi4py import MPI
 
 import dd_macro as dd
@@ -20,6 +22,7 @@ from tsg_micro.continuum.rve_law import RVELaw
 from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
+from workflows.runs.adaptation import specs_of
 from workflows.runs.scene import Scene
 from workflows.store.record import drop_summary, peak_memory, write_summary
 
@@ -52,23 +55,28 @@ def fe2(
     if steps < 1:
         raise InputError(f"steps: expected at least 1, got {steps}")
     begin = time.perf_counter()
-    law = RVELaw(RVESpec(tissue, free=()).build())
+    spec = RVESpec(tissue, free=())
+    rve = spec.build()
     together(comm, lambda: output_folder(out) if comm.rank == 0 else None)
 
-    problem = scene.problem(comm, tissue)
+    problem = scene.problem(comm, tissue, spec)
+    laws = [RVELaw(rve), *(RVELaw(one.build()) for one in specs_of(spec, problem)[1:])]
+    parts = tuple(dd.Material(law=law) for law in laws)
     points = int(total(comm, len(problem.operator.weights)))
     ranks = f"{comm.size} rank{'s' * (comm.size > 1)}"
     say(f"{problem.operator.global_dofs} unknowns, {points} RVEs on {ranks}")
     ready = time.perf_counter()
     method = dd.LawMethod(steps=steps, options=options or dd.ReferenceOptions())
-    solution = method.prepare(problem, dd.Material(law=law)).solve(watch=dd.Watch(say))
+    solution = method.prepare(problem, replace(parts[0], parts=parts if len(parts) > 1 else ())).solve(
+        watch=dd.Watch(say)
+    )
     done = time.perf_counter()
 
     drop_summary(out, comm)
     dd.write_solution(out, solution, stress_measure=MEASURE)
     figures = {
         **solution.figures(),
-        **_rve_figures(comm, law),
+        **_rve_figures(comm, laws),
         "top_force": (scene.top_force(solution), "N"),
         "stress_measure": (MEASURE, ""),
         "seconds": (done - begin, "s"),
@@ -84,9 +92,10 @@ def fe2(
     return comm.bcast(summary)
 
 
-def _rve_figures(comm: MPI.Comm, law: RVELaw) -> dict[str, tuple[Any, str]]:
-    """What the RVEs of all ranks did; collective."""
-    numbers, newton = law.effort.numbers(), law.rve.solver.newton
+def _rve_figures(comm: MPI.Comm, laws: list[RVELaw]) -> dict[str, tuple[Any, str]]:
+    """What the RVEs of all ranks did; collective. Unknowns and linear solver are those of the first one."""
+    newton = laws[0].rve.solver.newton
+    numbers = np.sum([law.effort.numbers() for law in laws], axis=0)
     _, asked, solves, iterations, factorisations, seconds = total(comm, numbers)
     slowest = comm.allreduce(float(numbers[-1]), MPI.MAX)
     return {
@@ -96,7 +105,7 @@ def _rve_figures(comm: MPI.Comm, law: RVELaw) -> dict[str, tuple[Any, str]]:
         "rve_factorisations": (int(factorisations), ""),
         "rve_unknowns": (newton.pattern.size, ""),
         "rve_linear_solver": (newton.choice.backend, ""),
-        "unstable_rves": (int(total(comm, law.unstable)), ""),
+        "unstable_rves": (int(total(comm, sum(law.unstable for law in laws))), ""),
         "seconds_rve": (slowest, "s"),
         "seconds_rve_all_ranks": (float(seconds), "s"),
         "rank_imbalance": (slowest * comm.size / float(seconds), "slowest rank over mean"),

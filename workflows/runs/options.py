@@ -28,6 +28,7 @@ __all__ = [
     "Clamp",
     "ClampName",
     "Degree",
+    "Edges",
     "Element",
     "ElementName",
     "Flat",
@@ -123,6 +124,7 @@ Element = Annotated[
 ]
 Flat = Annotated[bool, typer.Option("--flat/--free", help="Hold the back side in its plane: the sheet cannot buckle.")]
 MeshUnit = Annotated[str, typer.Option(help="Unit of the mesh's coordinates: m, mm, um or nm.")]
+Edges = Annotated[bool, typer.Option("--edges/--no-edges", help="Outer blocks have a tissue of their own.")]
 MergeNodes = Annotated[bool, typer.Option("--merge-nodes", help="Join nodes of the mesh that are at one place.")]
 Plots = Annotated[bool, typer.Option("--plots/--no-plots", help="Draw the figures and write the ParaView file.")]
 
@@ -254,6 +256,7 @@ class SceneOptions(Group):
     degree: Degree = 1
     element: Element = None
     flat: Flat = False
+    edges: Edges = False
 
     def make(self) -> Scene:
         """The scene.

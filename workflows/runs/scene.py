@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -39,8 +39,9 @@ class Scene:
     (``clamp`` "full"), or in the plane of the sheet alone ("inplane"), where their thickness is free: the hold on the
     thickness fades over a third of a block, which elements of a block cannot follow. ``degree`` of the elements;
     those of degree 1 are an ``element`` of ELEMENTS, its default if None. A ``flat`` sheet has its back side held in
-    its plane, so that it cannot buckle. ``mesh_unit`` is that of the coordinates of the file; ``merge_nodes`` joins
-    nodes at one place.
+    its plane, so that it cannot buckle. ``mesh_unit`` is that of the file's coordinates; ``merge_nodes`` joins those
+    nodes that are at one place. With ``edges`` the outer blocks at clamps and at free sides have a tissue of their own,
+    where RVEs of it can be had.
     """
 
     load: str
@@ -54,6 +55,7 @@ class Scene:
     element: str | None = None
     mesh_unit: str = "m"
     merge_nodes: bool = False
+    edges: bool = False
 
     def __post_init__(self) -> None:
         check_load(self.load, self.strain)
@@ -79,8 +81,11 @@ class Scene:
             dd.parallel.together(comm, lambda: check_memory(f"elements: {math.prod(self.elements or ())}", needed))
         return dd.box(comm, elements=self.elements, size=tuple(block * n for n in self.elements))  # type: ignore[arg-type]
 
-    def problem(self, comm: MPI.Comm, tissue: Tissue | None = None) -> dd.Problem:
-        """What is held and moved, on the mesh; collective.
+    def problem(self, comm: MPI.Comm, tissue: Tissue | None = None, rve: RVESpec | None = None) -> dd.Problem:
+        """What is held and moved, on the mesh, whose outer blocks are regions where the inner ones are of ``rve``.
+
+        An RVE that is held across an axis holds its free faces there too, so the supports of the body leave free what
+        does not move along periodic axes. Collective.
 
         Raises:
             InputError: as :meth:`supports`, or the mesh is not valid.
@@ -88,7 +93,14 @@ class Scene:
         domain = self.build(comm, tissue)
         theory, enhanced = dd.THEORIES[self.kinematics], self.parameters()["element"] == "enhanced"
         operator = theory.operator(domain, degree=self.degree, enhanced=enhanced)
-        return dd.Problem(operator, self.supports(domain))
+        if rve is None or not self.edges:
+            return dd.Problem(operator, self.supports(domain))
+        clamps = {"bottom", "top"} if self.clamp == "full" else set()
+        free = set(domain.names) - {"bottom", "top"}
+        along = [axis for axis in range(3) if rve.periodic[axis]]
+        regions = dd.edge_regions(domain, held=clamps, free=free, block=rve.tissue.block, axes=along)
+        thin = replace(self, clamp="full" if rve.periodic[2] else "inplane")
+        return dd.Problem(operator, thin.supports(domain), regions=regions if len(regions.places) > 1 else None)
 
     def supports(self, domain: dd.TaggedMesh) -> list[dd.Displacement]:
         """Bottom side held, top side moved by the strain times the height of the mesh; collective.

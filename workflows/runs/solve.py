@@ -18,7 +18,7 @@ from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.data.dataset import Dataset, read_dataset, write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
-from workflows.runs.adaptation import rve_of, source_for
+from workflows.runs.adaptation import material_of, rve_of
 from workflows.runs.scene import Scene, read_material, tissue_of
 from workflows.store.record import drop_summary, peak_memory, write_summary
 
@@ -93,10 +93,13 @@ class _Asked:
 
     def prepare(self, comm: MPI.Comm, dataset: Dataset | None, rve: RVESpec | None) -> dd.Prepared:
         """Mesh, metric, matrix and search; collective."""
-        problem = self.scene.problem(comm, tissue_of(dataset) if rve is None else rve.tissue)
-        source = None if rve is None else source_for(self.scene, rve, problem)
+        problem = self.scene.problem(comm, tissue_of(dataset) if rve is None else rve.tissue, rve)
         measure = dd.THEORIES[self.scene.kinematics].solved(self.stress_measure)
-        material = dd.Material(dataset, self.metric, source=source, measure=measure)
+        material = (
+            dd.Material(dataset, self.metric, measure=measure)
+            if rve is None
+            else material_of(self.scene, rve, problem, dataset, metric=self.metric, measure=measure)
+        )
         return self.method().prepare(problem, material)
 
     def parameters(self, dataset: Dataset) -> dict[str, Any]:
