@@ -96,7 +96,7 @@ class RVE:
         Raises InputError: no axis is periodic or held, one is both, or a name is unknown or comes twice.
         """
         if not (any(structure.periodic) or any(held)):
-            raise InputError("structure: expected at least one axis that is periodic or held")
+            raise InputError("structure: expected at least one periodic axis, or one that is held")
         if any(a and b for a, b in zip(structure.periodic, held, strict=True)):
             raise InputError(f"held: expected axes that are not periodic, got {held} and {structure.periodic}")
         if len(set(free)) != len(free):
