@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -41,7 +42,7 @@ class Scene:
     those of degree 1 are an ``element`` of ELEMENTS, its default if None. A ``flat`` sheet has its back side held in
     its plane, so that it cannot buckle. ``mesh_unit`` is that of the file's coordinates; ``merge_nodes`` joins those
     nodes that are at one place. With ``edges`` the outer blocks at clamps and at free sides have a tissue of their own,
-    where RVEs of it can be had.
+    where RVEs of it can be had. A block has ``refine`` elements along each axis.
     """
 
     load: str
@@ -56,6 +57,7 @@ class Scene:
     mesh_unit: str = "m"
     merge_nodes: bool = False
     edges: bool = False
+    refine: int = 1
 
     def __post_init__(self) -> None:
         check_load(self.load, self.strain)
@@ -66,6 +68,8 @@ class Scene:
             raise InputError(
                 f"element: expected {' or '.join(ELEMENTS)}, of degree 1, got {self.element!r} of degree {self.degree}"
             )
+        if self.refine < 1 or (self.refine > 1 and self.mesh is not None):
+            raise InputError(f"refine: expected at least 1, of a box, got {self.refine}")
         if (self.elements is None) == (self.mesh is None):
             raise InputError("elements, mesh: expected one of them, --elements NX NY NZ or --mesh FILE.msh")
 
@@ -77,9 +81,11 @@ class Scene:
             return dd.read_msh(self.mesh, comm, unit=self.mesh_unit, size=size, merge_nodes=self.merge_nodes)
         assert self.elements is not None
         if min(self.elements) > 0:
-            needed = _PER_ELEMENT * self.degree**3 * math.prod(self.elements)
+            needed = _PER_ELEMENT * (self.refine * self.degree) ** 3 * math.prod(self.elements)
             dd.parallel.together(comm, lambda: check_memory(f"elements: {math.prod(self.elements or ())}", needed))
-        return dd.box(comm, elements=self.elements, size=tuple(block * n for n in self.elements))  # type: ignore[arg-type]
+        elements: Any = tuple(self.refine * n for n in self.elements)
+        lengths: Any = tuple(block * n for n in self.elements)
+        return dd.box(comm, elements=elements, size=lengths)
 
     def problem(self, comm: MPI.Comm, tissue: Tissue | None = None, rve: RVESpec | None = None) -> dd.Problem:
         """What is held and moved, on the mesh, whose outer blocks are regions where the inner ones are of ``rve``.
