@@ -28,12 +28,11 @@ def command(
     from tsg_micro.data.errors import InputError
     from workflows.studies.bench_accuracy import CASES, ZONES, accuracy
 
-    chosen = list(range(1, len(CASES) + 1)) if not case else case
+    chosen = case or list(range(1, len(CASES) + 1))
     if not all(1 <= number <= len(CASES) for number in chosen):
         raise InputError(f"case: expected numbers from 1 to {len(CASES)}, got {', '.join(map(str, chosen))}")
     options = {"kinematics": kinematics.value}
     summary = accuracy(out, cases=[CASES[n - 1] for n in chosen], options=options, parts=parts, plots=plots, say=say)
     for zone in ZONES:
-        worst = summary["worst"][zone]
-        say(f"worst, {zone:17} {'none' if worst is None else f'{worst:.2%}'}")
+        say(f"worst, {zone:17} {summary['worst'][zone]:.2%}")
     say(f"{'results':24} {out}")
