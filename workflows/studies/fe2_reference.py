@@ -96,7 +96,7 @@ def fe2_parameters(fe2: Path) -> dict[str, Any]:
     said = read_summary(fe2, "fe2")["parameters"]
     element = "trilinear" if said.get("degree", 1) == 1 else None
     scene = {"kinematics": "small", "clamp": "full", "degree": 1, "flat": False, "element": element}
-    return scene | {"mesh_unit": "m", "merge_nodes": False} | Tissue().as_dict() | said
+    return scene | {"mesh_unit": "m", "merge_nodes": False, "edges": False, "refine": 1} | Tissue().as_dict() | said
 
 
 def check_fe2(fe2: Path, scene: Scene, tissue: Tissue) -> None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Chain"]
 
-_SINCE = {"element": "trilinear", "mesh_unit": "m", "merge_nodes": False}
+_SINCE = {"element": "trilinear", "mesh_unit": "m", "merge_nodes": False, "edges": False, "refine": 1}
 """What a scene did not say at first; where it is what it was then, stages are those of then."""
 
 

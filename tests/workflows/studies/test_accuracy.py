@@ -1,0 +1,55 @@
+"""Errors of default answers on a family of scenes, and what they are made of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from workflows.studies.bench_accuracy import CASES, ZONES, Case, accuracy
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    out = tmp_path_factory.mktemp("accuracy")
+    case = Case((5, 4), "stretch", 1e-8)
+    return out, {edges: accuracy(out, cases=[case], options={"edges": edges}) for edges in (False, True)}
+
+
+def test_parts_of_the_error_bound_it(bench):
+    for summary in bench[1].values():
+        assert [row["zone"] for row in summary["rows"]] == list(ZONES)
+        for row in summary["rows"]:
+            assert row["error"] <= (row["element"] + row["rest"]) * (1 + 1e-9)
+            assert row["data"] < 0.02  # what adaptive sampling leaves
+
+
+def test_zones_are_all_blocks(bench):
+    for summary in bench[1].values():
+        errors = {row["zone"]: row["error"] for row in summary["rows"]}
+        assert errors["all"] <= max(errors[zone] for zone in ("inner", "rows", "columns"))
+        assert summary["worst"] == errors
+
+
+def test_edges_of_their_own_take_most_of_the_error(bench):
+    plain, edged = ({row["zone"]: row["error"] for row in bench[1][e]["rows"]} for e in (False, True))
+    assert edged["all"] < 0.5 * plain["all"]
+    assert edged["columns"] < 0.5 * plain["columns"]
+
+
+def test_full_tensegrities_are_kept(bench, is_png):
+    out, summaries = bench
+    seconds = {summary["rows"][0]["dns_seconds"] for summary in summaries.values()}
+    assert len(seconds) == 1
+    assert is_png(out / "accuracy.png")
+
+
+def test_the_family_has_many_shapes():
+    assert len({case.name for case in CASES}) == len(CASES) >= 9
+    assert {case.load for case in CASES} == {"stretch", "shear"}
+    assert np.ptp([np.log10(case.bar_force) for case in CASES]) > 1.3
+
+
+def test_bad_cases_are_one_line(tsgdd, tmp_path):
+    done = tsgdd("bench", "accuracy", "--case", "99", "--out", tmp_path)
+    assert done.code == 2
+    assert "case: expected numbers from 1 to" in done.err
