@@ -120,11 +120,13 @@ Clamp = Annotated[ClampName, typer.Option(help="Bottom and top hold all of u, or
 Degree = Annotated[int, typer.Option(help="Degree of the elements, 1 or 2.")]
 Element = Annotated[
     ElementName | None,
-    typer.Option(help="Of degree 1: trilinear, stiff in bending, or enhanced; trilinear if not given."),
+    typer.Option(help="Of degree 1: enhanced, or trilinear, stiff in bending; enhanced if not given."),
 ]
 Flat = Annotated[bool, typer.Option("--flat/--free", help="Hold the back side in its plane: the sheet cannot buckle.")]
 MeshUnit = Annotated[str, typer.Option(help="Unit of the mesh's coordinates: m, mm, um or nm.")]
-Edges = Annotated[bool, typer.Option("--edges/--no-edges", help="Outer blocks have a tissue of their own.")]
+Edges = Annotated[
+    bool, typer.Option("--edges/--no-edges", help="With RVEs: outer blocks are a tissue of their own.")
+]
 MergeNodes = Annotated[bool, typer.Option("--merge-nodes", help="Join nodes of the mesh that are at one place.")]
 Plots = Annotated[bool, typer.Option("--plots/--no-plots", help="Draw the figures and write the ParaView file.")]
 
@@ -256,7 +258,7 @@ class SceneOptions(Group):
     degree: Degree = 1
     element: Element = None
     flat: Flat = False
-    edges: Edges = False
+    edges: Edges = True
 
     def make(self) -> Scene:
         """The scene.

@@ -28,7 +28,7 @@ _PER_ELEMENT = 15e3
 MOST_BLOCKS = 1e5
 """Across a body; one of more, or of less than one, is most often in another unit."""
 CLAMPS = ("full", "inplane")
-ELEMENTS = ("trilinear", "enhanced")
+ELEMENTS = ("enhanced", "trilinear")
 """Of degree 1: the first one is the default."""
 
 
@@ -56,7 +56,7 @@ class Scene:
     element: str | None = None
     mesh_unit: str = "m"
     merge_nodes: bool = False
-    edges: bool = False
+    edges: bool = True
     refine: int = 1
 
     def __post_init__(self) -> None:

@@ -282,7 +282,7 @@ def _known_fe2(study: Study, folders: Sequence[Path]) -> dict[Model, Path]:
     for folder in folders:
         there = fe2_parameters(folder)
         model = there["kinematics"], there["clamp"], there["flat"]
-        scene = Scene(study.load, chain.strain, elements=chain.elements)
+        scene = chain.scene(study.load)
         if model in MODELS.values():
             scene = _of_model(scene, model)
         check_fe2(folder, scene, chain.tissue)

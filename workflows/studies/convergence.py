@@ -75,11 +75,11 @@ def convergence(
     if sizes is not None and min(sizes, default=0) < 4:
         raise InputError(f"sizes: expected numbers of at least 4, from which tangents can be estimated, got {sizes}")
     studies = [Study(out, load, chain, data=data) for load in loads]  # raises where a load is not valid
-    given = None if data is None else read_material(data, Scene(loads[0], chain.strain, elements=chain.elements))
+    given = None if data is None else read_material(data, chain.scene(loads[0]))
     stages = stages or Stages(output_folder(out), say)
     rows: list[dict[str, Any]] = []
     for study in studies:
-        scene = Scene(study.load, chain.strain, elements=chain.elements)
+        scene = chain.scene(study.load)
         dataset = given or read_material(chain.data(stages, study.load), scene)
         if max(sizes or [0]) > len(dataset):
             raise InputError(f"sizes: expected at most {len(dataset)}, the number of data, got {max(sizes or [0])}")

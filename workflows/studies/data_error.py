@@ -77,7 +77,7 @@ def data_error(
         raise InputError(
             f"states, draws, budgets: expected at least {2 * _LEAST}, 1 and 1, got {states}, {draws}, {list(budgets)}"
         )
-    scene = Scene(load, chain.strain, elements=chain.elements, kinematics=kinematics)
+    scene = chain.scene(load, kinematics=kinematics)
     sources = _sources(data, scene, chain)
     given = None if fe2 is None else read_exact(fe2, scene, chain.tissue)
     stages = stages or Stages(output_folder(out), say)

@@ -76,7 +76,7 @@ class Study:
             ConvergenceError: a solver did not converge.
         """
         chain, load = self.chain, self.load
-        scene = Scene(load, chain.strain, elements=chain.elements)
+        scene = chain.scene(load)
         dataset = (
             None if self.data is None else self._read(self.data, scene)
         )  # what is given comes first: it may be bad

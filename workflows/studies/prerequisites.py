@@ -110,12 +110,18 @@ class Chain:
 
     def solution(self, stages: Stages, load: str, data: Path, say: Callable[[str], None]) -> Path:
         """The folder of the data-driven solution with the file ``data``, a stage of its own; computed unless there."""
-        from workflows.runs.scene import Scene
         from workflows.runs.solve import solve
 
-        scene = Scene(load, self.strain, elements=self.elements)
+        scene = self.scene(load)
         run = {"load": load, "strain": self.strain, "elements": self.elements}
         return stages.run(f"dd-{load}", run, lambda out: solve(out, data=data, scene=scene, say=say), (f"data-{load}",))
+
+    def scene(self, load: str, **more: Any) -> Scene:
+        """The macroscopic scene as the paper has it: trilinear elements, one material; ``more`` of a scene's fields."""
+        from workflows.runs.scene import Scene
+
+        plain: dict[str, Any] = {"element": "trilinear", "edges": False}
+        return Scene(load, self.strain, elements=self.elements, **{**plain, **more})
 
     def parameters(self) -> dict[str, object]:
         """All values, for a summary or a hash."""

@@ -139,7 +139,9 @@ def _solve(
     from workflows.runs.solve import solve
 
     say(f"{load}: data-driven solve on {elements[0]} x {elements[1]} x 1 elements, {STRAIN:.0%} strain")
-    solve(folder, data=file, scene=Scene(load, STRAIN, elements=(*elements, 1)), plots=plots, say=say)
+    solve(
+        folder, data=file, scene=Scene(load, STRAIN, elements=(*elements, 1), element="trilinear"), plots=plots, say=say
+    )
 
 
 class _Study:
