@@ -36,7 +36,7 @@ from dd_macro.scene.kinematics import FiniteStrain
 from dd_macro.scene.loads import Load, Traction
 from dd_macro.scene.mesh import SIDES, TaggedMesh, box, read_msh
 from dd_macro.scene.problem import Problem
-from dd_macro.scene.regions import INSIDE, Regions, edge_regions
+from dd_macro.scene.regions import INSIDE, Place, Regions, edge_regions
 from dd_macro.scene.spaces import GradientOperator, StrainOperator, TangentMatrix
 
 __all__ = [
@@ -73,6 +73,7 @@ __all__ = [
     "Method",
     "Metric",
     "NewtonIteration",
+    "Place",
     "PointMethod",
     "PolynomialEnergy",
     "Prepared",

@@ -7,7 +7,7 @@ one for each way in which sides meet: by what every axis meets there, "free" or 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +35,19 @@ class Regions:
     def points(self, points_per_cell: int) -> NDArray[np.int64]:
         """The region of every quadrature point (n,)."""
         return np.repeat(self.cell, points_per_cell)
+
+    def only(self, there: Callable[[Place], bool]) -> Regions:
+        """The regions of those places that are ``there``.
+
+        The others are of what their clamps alone would make them, or of the inside where that is not there either.
+        """
+        kept = (INSIDE, *(place for place in self.places if place != INSIDE and there(place)))
+        clamps = [tuple(met if met.startswith("held") else "" for met in place) for place in self.places]
+        now = [
+            kept.index(place) if place in kept else kept.index(clamp) if clamp in kept else 0
+            for place, clamp in zip(self.places, clamps, strict=True)
+        ]
+        return Regions(kept, np.array(now, dtype=np.int64)[self.cell])
 
 
 def edge_regions(

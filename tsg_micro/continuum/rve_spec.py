@@ -17,10 +17,13 @@ from tsg_micro.continuum.rve import RVE
 from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import InputError
 
-__all__ = ["RVESpec"]
+__all__ = ["KINDS", "RVESpec"]
 
 SHEET = ("zz", "yz", "xz")
 """Strain components without stress in a sheet whose faces across z are free."""
+KINDS: dict[str, tuple[bool, bool, bool]] = {"sheet": (True, True, False), "bulk": (True, True, True)}
+"""The kinds of tissue, and the axes along which their inside is periodic."""
+_WORDS = ("periodic", "free", "held", "free-twice", "held-twice")
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,17 @@ class RVESpec:
         if self.images not in get_args(Images):
             raise InputError(f"images: expected {' or '.join(get_args(Images))}, got {self.images!r}")
 
+    @classmethod
+    def of_kind(cls, kind: str, tissue: Tissue, **more: Any) -> RVESpec:
+        """One block inside a tissue of this kind, or as ``more`` says, no strain component free if that says none.
+
+        Raises:
+            InputError: there is no such kind, or as on construction.
+        """
+        if kind not in KINDS:
+            raise InputError(f"kind: expected {' or '.join(KINDS)}, got {kind!r}")
+        return cls(tissue, periodic=KINDS[kind], **{"free": (), **more})
+
     def build(self) -> RVE:
         """The RVE in its reference state.
 
@@ -69,6 +83,34 @@ class RVESpec:
                 blocks[axis] = 1 if met.endswith("twice") else 2
         changed: dict[str, Any] = {"blocks": tuple(blocks), "periodic": tuple(periodic), "held": tuple(held)}
         return replace(self, **changed)
+
+    def with_axes(self, axes: str) -> RVESpec:
+        """The RVE whose axes are as the words say: periodic, or an edge as :meth:`at` makes it, free or held.
+
+        "free" and "held" are edges in one direction, "free-twice" and "held-twice" in both. An axis that is free in
+        this RVE is "free" and stays as it is.
+
+        Raises:
+            InputError: not three such words, or an axis that is free is to be something else.
+        """
+        words = axes.split()
+        if len(words) != 3 or not set(words) <= set(_WORDS):
+            raise InputError(f"axes: expected three words of {', '.join(_WORDS)}, got {axes!r}")
+        for name, word, periodic in zip("xyz", words, self.periodic, strict=True):
+            if not periodic and word != "free":
+                raise InputError(f"axes: expected free along {name}, as the tissue is there, got {word!r}")
+        return self.at([word.replace("periodic", "").replace("-", " ") for word in words])
+
+    @property
+    def faces(self) -> tuple[tuple[str, int], ...]:
+        """What is across x, y, z, in how many blocks: RVEs of a tissue with the same faces are of one place."""
+        each = zip(self.periodic, self.held, self.blocks, strict=True)
+        return tuple(("periodic", 0) if periodic else ("held" if held else "free", n) for periodic, held, n in each)
+
+    def is_edge_of(self, inside: RVESpec) -> bool:
+        """Whether it is periodic and held where an edge of ``inside`` can be; ``inside`` itself is one."""
+        each = zip(self.faces, inside.faces, strict=True)
+        return all(there[0] in (here[0], "periodic") for here, there in each)
 
     def parameters(self) -> dict[str, Any]:
         """What a data set says of it, ready for JSON; :meth:`of` reads it."""

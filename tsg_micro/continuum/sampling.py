@@ -102,6 +102,9 @@ class PathData:
     failure: str | None
     free: tuple[str, ...] = ()
     """Strain components without stress."""
+    support: Array | None = None
+    """What clamps carry beside the stress, Mandel (k, 6), Pa; None where no axis is held."""
+    support_tangent: Array | None = None
 
 
 def sample_path(rve: RVE, box: StrainBox, *, steps: int, seed: int, path: int) -> PathData:
@@ -115,6 +118,10 @@ def sample_path(rve: RVE, box: StrainBox, *, steps: int, seed: int, path: int) -
         except ConvergenceError as error:
             failure = str(error)
             break
+    clamps = {}
+    if any(rve.held):
+        clamps["support"] = to_mandel(np.array([state.support_stress for state in states]).reshape(-1, 3, 3))
+        clamps["support_tangent"] = np.array([state.support_tangent for state in states]).reshape(-1, 6, 6)
     return PathData(
         path=path,
         F=np.array([state.F for state in states]).reshape(-1, 3, 3),
@@ -124,6 +131,7 @@ def sample_path(rve: RVE, box: StrainBox, *, steps: int, seed: int, path: int) -
         negative_pivots=max((state.equilibrium.negative_pivots or 0 for state in states), default=0),
         failure=failure,
         free=box.free,
+        **clamps,
     )
 
 
@@ -161,6 +169,11 @@ def join_paths(
     if not sum(counts):
         reasons = "; ".join(sorted({data.failure for data in ordered if data.failure}))
         raise InputError(f"paths: expected at least one state in equilibrium, got none ({reasons})")
+    clamps = {
+        name: np.concatenate([getattr(data, name) for data in ordered])
+        for name in ("support", "support_tangent")
+        if getattr(ordered[0], name) is not None
+    }
     found = state_dataset(
         F=np.concatenate([data.F for data in ordered]),
         first_piola=np.concatenate([data.first_piola for data in ordered]),
@@ -171,6 +184,7 @@ def join_paths(
         parameters=parameters,
         versions=versions,
         seed=seed,
+        **clamps,
     )
     free = set.intersection(*(set(data.free) for data in ordered))
     return replace(found, silent=tuple(name for name in zero_components(found.strain, found.stress) if name in free))

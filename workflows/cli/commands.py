@@ -17,6 +17,8 @@ from workflows.runs.options import (
     Box,
     HowLoaded,
     Images,
+    Kind,
+    KindName,
     Load,
     Measure,
     Out,
@@ -76,6 +78,10 @@ def sample(
     images: Annotated[
         Images, typer.Option(help="Members on opposite faces: one, or two as in the paper.")
     ] = Images.merged,
+    kind: Kind = KindName.sheet,
+    axes: Annotated[
+        str | None, typer.Option(help='Of an edge, "periodic held free": a word an axis; all inside if not given.')
+    ] = None,
     stress_measure: Annotated[Measure, typer.Option(help="Stress to store.")] = Measure.first_piola,
     append: Annotated[bool, typer.Option("--append", help="Add to the file if it is there.")] = False,
     processes: Annotated[int | None, typer.Option(help="Processes without mpirun; all cores if not given.")] = None,
@@ -93,6 +99,8 @@ def sample(
         seed=seed,
         blocks=blocks,
         images=images.value,  # type: ignore[arg-type]
+        kind=kind.value,
+        axes=axes,
         stress_measure=stress_measure.value,
         append=append,
         processes=processes,

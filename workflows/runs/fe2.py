@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from tsg_micro.continuum.rve_law import RVELaw
 from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
-from workflows.runs.adaptation import specs_of
+from workflows.runs.edges import in_parts, specs_of
 from workflows.runs.scene import Scene
 from workflows.store.record import drop_summary, peak_memory, write_summary
 
@@ -55,21 +54,19 @@ def fe2(
     if steps < 1:
         raise InputError(f"steps: expected at least 1, got {steps}")
     begin = time.perf_counter()
-    spec = RVESpec(tissue, free=())
+    spec = RVESpec.of_kind(scene.kind or "sheet", tissue)
     rve = spec.build()
     together(comm, lambda: output_folder(out) if comm.rank == 0 else None)
 
     problem = scene.problem(comm, tissue, spec)
     laws = [RVELaw(rve), *(RVELaw(one.build()) for one in specs_of(spec, problem)[1:])]
-    parts = tuple(dd.Material(law=law) for law in laws)
+    material = in_parts([dd.Material(law=law) for law in laws])
     points = int(total(comm, len(problem.operator.weights)))
     ranks = f"{comm.size} rank{'s' * (comm.size > 1)}"
     say(f"{problem.operator.global_dofs} unknowns, {points} RVEs on {ranks}")
     ready = time.perf_counter()
     method = dd.LawMethod(steps=steps, options=options or dd.ReferenceOptions())
-    solution = method.prepare(problem, replace(parts[0], parts=parts if len(parts) > 1 else ())).solve(
-        watch=dd.Watch(say)
-    )
+    solution = method.prepare(problem, material).solve(watch=dd.Watch(say))
     done = time.perf_counter()
 
     drop_summary(out, comm)

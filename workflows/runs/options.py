@@ -35,6 +35,8 @@ __all__ = [
     "Group",
     "HowLoaded",
     "Images",
+    "Kind",
+    "KindName",
     "Kinematics",
     "KinematicsName",
     "Load",
@@ -102,6 +104,13 @@ class ElementName(StrEnum):
     enhanced = "enhanced"
 
 
+class KindName(StrEnum):
+    """Kinds of tissue."""
+
+    sheet = "sheet"
+    bulk = "bulk"
+
+
 class Images(StrEnum):
     """What members on opposite faces of an RVE become."""
 
@@ -122,6 +131,7 @@ Element = Annotated[
     ElementName | None,
     typer.Option(help="Of degree 1: enhanced, or trilinear, stiff in bending; enhanced if not given."),
 ]
+Kind = Annotated[KindName, typer.Option(help="Tissue: a sheet with free faces, or bulk, periodic in x, y, z.")]
 Flat = Annotated[bool, typer.Option("--flat/--free", help="Hold the back side in its plane: the sheet cannot buckle.")]
 MeshUnit = Annotated[str, typer.Option(help="Unit of the mesh's coordinates: m, mm, um or nm.")]
 Edges = Annotated[
@@ -259,6 +269,9 @@ class SceneOptions(Group):
     element: Element = None
     flat: Flat = False
     edges: Edges = True
+    kind: Annotated[
+        KindName | None, typer.Option(help="Tissue, sheet or bulk; that of the data, else a sheet, if not given.")
+    ] = None
 
     def make(self) -> Scene:
         """The scene.

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any
@@ -53,6 +53,8 @@ class Plan:
     tissue: Tissue = field(default_factory=Tissue)
     blocks: tuple[int, int, int] = (1, 1, 1)
     images: Images = "merged"
+    kind: str = "sheet"
+    axes: str | None = None
 
     def __post_init__(self) -> None:
         if self.load not in BOXES:
@@ -64,22 +66,24 @@ class Plan:
         if self.seed >= 2**63:
             raise InputError(f"seed: expected less than 2^63, got {self.seed}")
         check_memory(f"paths, steps: {self.paths} and {self.steps}", self.paths * (_PER_PATH + self.steps * _PER_POINT))
-        check_memory(f"blocks: {' x '.join(map(str, self.blocks))}", _PER_BLOCK * math.prod(self.blocks))
+        check_memory(f"blocks: {' x '.join(map(str, self.blocks))}", _PER_BLOCK * math.prod(self.spec.blocks))
 
     @property
     def box(self) -> StrainBox:
-        """The strain box of the load."""
-        return BOXES[self.load]
+        """The strain box of the load; bulk tissue has no faces that would leave a strain free."""
+        return replace(BOXES[self.load], free=()) if self.kind == "bulk" else BOXES[self.load]
 
     @property
     def spec(self) -> RVESpec:
         """The RVE that is sampled."""
-        return RVESpec(self.tissue, self.blocks, images=self.images, free=self.box.free)
+        more: dict[str, Any] = {"blocks": self.blocks, "images": self.images, "free": self.box.free}
+        inside = RVESpec.of_kind(self.kind, self.tissue, **more)
+        return inside if self.axes is None else inside.with_axes(self.axes)
 
     def parameters(self) -> dict[str, Any]:
         """All values, for a summary."""
         one = {"load": self.load, "paths": self.paths, "steps": self.steps, "bar_force": self.tissue.bar_force}
-        one |= {"seed": self.seed, "blocks": self.blocks, "images": self.images}
+        one |= {"seed": self.seed, "blocks": self.blocks, "images": self.images, "kind": self.kind, "axes": self.axes}
         return {**one, "box": asdict(self.box), "cell": asdict(self.tissue.cell)}
 
     def run(self, rve: RVE, paths: Iterable[int], progress: Callable[[], None] | None = None) -> list[PathData]:
@@ -97,6 +101,8 @@ def sample(
     seed: int = 0,
     blocks: tuple[int, int, int] = (1, 1, 1),
     images: Images = "merged",
+    kind: str = "sheet",
+    axes: str | None = None,
     stress_measure: str = "first_piola",
     append: bool = False,
     processes: int | None = None,
@@ -104,6 +110,7 @@ def sample(
 ) -> dict[str, Any]:
     """Sample ``paths`` paths of ``steps`` points in the strain box ``load``; the data set goes to the file ``out``.
 
+    ``kind`` and ``axes`` say of which RVE: tsg_micro.continuum.rve_spec.KINDS, and the words of RVESpec.with_axes.
     Paths are shared among the ranks under mpirun, else among ``processes`` (all cores if None); the data are the same.
 
     Raises:
@@ -111,7 +118,7 @@ def sample(
     """
     comm = world()
     rank, size = (0, 1) if comm is None else (comm.rank, comm.size)
-    plan = Plan(load, paths, steps, seed, tissue, blocks, images)
+    plan = Plan(load, paths, steps, seed, tissue, blocks, images, kind, axes)
     output_file(out)
     check_measure(stress_measure)
     if append and out.exists():

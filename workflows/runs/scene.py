@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 import dd_macro as dd
 from tsg_micro.cells.tissue import Tissue
-from tsg_micro.continuum.rve_spec import RVESpec
+from tsg_micro.continuum.rve_spec import KINDS, RVESpec
 from tsg_micro.data.dataset import Dataset, read_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import from_mandel
@@ -42,7 +43,8 @@ class Scene:
     those of degree 1 are an ``element`` of ELEMENTS, its default if None. A ``flat`` sheet has its back side held in
     its plane, so that it cannot buckle. ``mesh_unit`` is that of the file's coordinates; ``merge_nodes`` joins those
     nodes that are at one place. With ``edges`` the outer blocks at clamps and at free sides have a tissue of their own,
-    where RVEs of it can be had. A block has ``refine`` elements along each axis.
+    where RVEs of it can be had. ``kind`` of tissue is one of tsg_micro.continuum.rve_spec.KINDS, None where the data
+    decide. A block has ``refine`` elements along each axis.
     """
 
     load: str
@@ -58,12 +60,15 @@ class Scene:
     merge_nodes: bool = False
     edges: bool = True
     refine: int = 1
+    kind: str | None = None
 
     def __post_init__(self) -> None:
         check_load(self.load, self.strain)
         for name, known in (("kinematics", KINEMATICS), ("clamp", CLAMPS), ("degree", (1, 2))):
             if getattr(self, name) not in known:
                 raise InputError(f"{name}: expected {' or '.join(map(str, known))}, got {getattr(self, name)!r}")
+        if self.kind is not None and self.kind not in KINDS:
+            raise InputError(f"kind: expected {' or '.join(KINDS)}, got {self.kind!r}")
         if self.element is not None and (self.degree != 1 or self.element not in ELEMENTS):
             raise InputError(
                 f"element: expected {' or '.join(ELEMENTS)}, of degree 1, got {self.element!r} of degree {self.degree}"
@@ -87,11 +92,17 @@ class Scene:
         lengths: Any = tuple(block * n for n in self.elements)
         return dd.box(comm, elements=elements, size=lengths)
 
-    def problem(self, comm: MPI.Comm, tissue: Tissue | None = None, rve: RVESpec | None = None) -> dd.Problem:
+    def problem(
+        self,
+        comm: MPI.Comm,
+        tissue: Tissue | None = None,
+        rve: RVESpec | None = None,
+        there: Callable[[dd.Place], bool] | None = None,
+    ) -> dd.Problem:
         """What is held and moved, on the mesh, whose outer blocks are regions where the inner ones are of ``rve``.
 
-        An RVE that is held across an axis holds its free faces there too, so the supports of the body leave free what
-        does not move along periodic axes. Collective.
+        ``there`` says at which places they are; everywhere if None. An RVE that is held across an axis holds its free
+        faces there too, so the supports of the body leave free what does not move along periodic axes. Collective.
 
         Raises:
             InputError: as :meth:`supports`, or the mesh is not valid.
@@ -102,10 +113,12 @@ class Scene:
         if rve is None or not self.edges:
             return dd.Problem(operator, self.supports(domain))
         clamps = {"bottom", "top"} if self.clamp == "full" else set()
-        free = set(domain.names) - {"bottom", "top"}
+        free = set(domain.names) - {"bottom", "top"} - ({"back"} if self.flat else set())
         along = [axis for axis in range(3) if rve.periodic[axis]]
         regions = dd.edge_regions(domain, held=clamps, free=free, block=rve.tissue.block, axes=along)
-        thin = replace(self, clamp="full" if rve.periodic[2] else "inplane")
+        regions = regions if there is None else regions.only(there)
+        holds = any(met.startswith("held") for place in regions.places for met in place)
+        thin = replace(self, clamp="inplane") if holds and not rve.periodic[2] else self
         return dd.Problem(operator, thin.supports(domain), regions=regions if len(regions.places) > 1 else None)
 
     def supports(self, domain: dd.TaggedMesh) -> list[dd.Displacement]:

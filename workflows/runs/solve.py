@@ -18,7 +18,8 @@ from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.data.dataset import Dataset, read_dataset, write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
-from workflows.runs.adaptation import material_of, rve_of
+from workflows.runs.adaptation import rve_of, source_for
+from workflows.runs.edges import data_of, in_parts, inside_of, sampled_places, specs_of
 from workflows.runs.scene import Scene, read_material, tissue_of
 from workflows.store.record import drop_summary, peak_memory, write_summary
 
@@ -70,7 +71,7 @@ class _Asked:
         return method.tuned(max_iterations=iterations, over_relaxation=self.over_relaxation)
 
     def read(self) -> tuple[Dataset | None, RVESpec | None]:
-        """The data to start from, if there are, and the RVE that makes more, if that is asked for.
+        """The data to start from, if there are, and the RVE of the inside, if it is known.
 
         Raises:
             InputError: they will not do.
@@ -79,13 +80,14 @@ class _Asked:
             if self.data is None:
                 raise InputError("data: expected a file, or --adapt with --bar-force, got neither")
             dataset = read_material(self.data, self.scene, self.stress_measure)
+            inside = inside_of(dataset, self.scene.kind)
             if self.tangents == 2 and dataset.tangent is None and len(dataset) < _LEAST:
                 raise InputError(
                     f"data: expected tangents, or at least {_LEAST} points to estimate them from, got {len(dataset)}"
                 )
-            return dataset, None
+            return dataset, inside
         raw = None if self.data is None else read_dataset(self.data)
-        rve = rve_of(self.tissue, raw)
+        rve = rve_of(self.tissue, raw, self.scene.kind)
         if raw is None and self.metric == "secant":
             raise InputError("metric: expected auto, tangent or visited where there are no data, got 'secant'")
         theory = dd.THEORIES[self.scene.kinematics]
@@ -93,14 +95,17 @@ class _Asked:
 
     def prepare(self, comm: MPI.Comm, dataset: Dataset | None, rve: RVESpec | None) -> dd.Prepared:
         """Mesh, metric, matrix and search; collective."""
-        problem = self.scene.problem(comm, tissue_of(dataset) if rve is None else rve.tissue, rve)
         measure = dd.THEORIES[self.scene.kinematics].solved(self.stress_measure)
-        material = (
-            dd.Material(dataset, self.metric, measure=measure)
-            if rve is None
-            else material_of(self.scene, rve, problem, dataset, metric=self.metric, measure=measure)
-        )
-        return self.method().prepare(problem, material)
+        if rve is None:
+            return self.method().prepare(self.scene.problem(comm), dd.Material(dataset, self.metric, measure=measure))
+        there = sampled_places(rve, dataset) if self.adaptation is None and dataset is not None else None
+        problem = self.scene.problem(comm, rve.tissue, rve, there)
+        specs = specs_of(rve, problem)
+        parts = []
+        for spec, given in zip(specs, data_of(dataset, specs), strict=True):
+            source = None if self.adaptation is None else source_for(self.scene, spec, problem)
+            parts.append(dd.Material(given, self.metric, source=source, measure=measure))
+        return self.method().prepare(problem, in_parts(parts))
 
     def parameters(self, dataset: Dataset) -> dict[str, Any]:
         """For the summary."""
