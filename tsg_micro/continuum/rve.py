@@ -9,8 +9,8 @@ on the nodes, is the consistent tangent.
 
 An axis can also be held: its two outer faces are clamped, moved apart as H says and otherwise rigid. So a row of
 blocks at a clamp is half of an RVE that is held across it, as the outer column of a sheet is half of one that is free
-across it. Strain along a clamp is zero at its face and grows away from it: the jumps across the periodic axes rise from
-none at the faces to twice H in the middle, so that H is their mean. What a clamp keeps from moving along itself, as the
+across it. Strain along a clamp is zero at its face and grows away from it: along periodic axes it rises from none at
+the faces to twice H in the middle, so that H is its mean. What a clamp keeps from moving along itself, as the
 thickness of a sheet, does no work on H; it is the support stress, what the members' mean stress holds beside P.
 """
 
@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tsg_micro.cells.lattice import Images, side_nodes
 from tsg_micro.cells.parameters import TABLE_1, CellParameters
-from tsg_micro.cells.structure import Structure
+from tsg_micro.cells.structure import Structure, member_vectors
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import BASIS, COMPONENTS, from_mandel, to_mandel
@@ -204,20 +204,25 @@ def _clamps(structure: Structure, held: tuple[bool, bool, bool]) -> tuple[NDArra
     """Mask (n, 3) of the nodes on the faces that are held, and how H moves the members (m, 3, 3), m.
 
     A face across axis n is displaced by H e_n X_n, and turned with the body by e_n H_nt X_t; along itself it is rigid.
+    Along periodic axes beside the clamp members follow H as it is at their depth, so that it does not matter where the
+    period begins; displacements are those beside it.
     """
     nodes, (first, second) = structure.nodes, structure.members.T
     fixed = np.zeros(nodes.shape, dtype=bool)
     carried = np.zeros((len(nodes), 3, 3))
-    levers = np.repeat((structure.shift * structure.size)[:, None, :], 3, axis=1)
+    jump, followed = structure.shift * structure.size, np.where(structure.periodic, member_vectors(structure), 0.0)
+    beside, depth = np.zeros((3, 3), dtype=bool), np.ones((len(jump), 3, 3))
     for axis in np.flatnonzero(held):
         face = np.concatenate([side_nodes(structure, int(axis), end=end) for end in ("low", "high")])  # type: ignore[arg-type]
         fixed[face] = True
         carried[face, :, axis] = nodes[face, None, axis]
         carried[face, axis, :] = nodes[face]
-        along = [a for a in range(3) if a != axis]
-        depth = nodes[:, axis] - nodes[:, axis].min()
-        rise = 2.0 - np.abs(4.0 * depth / structure.size[axis] - 2.0)  # 0 at the faces, 2 in the middle
-        levers[np.ix_(range(len(levers)), along, along)] *= (0.5 * (rise[first] + rise[second]))[:, None, None]
+        along = np.arange(3) != axis
+        y = (nodes[:, axis] - nodes[:, axis].min()) / structure.size[axis]
+        rise = 2.0 - np.abs(4.0 * y - 2.0)  # 0 at the faces, 2 in the middle
+        depth[:, np.outer(along, along)] *= 0.5 * (rise[first] + rise[second])[:, None]
+        beside |= np.outer(along, along)
+    levers = np.where(beside, depth * followed[:, None, :], jump[:, None, :])
     return fixed, levers + carried[second] - carried[first]
 
 

@@ -303,3 +303,40 @@ def test_a_file_that_is_damaged_inside_is_refused(data, tmp_path, damage):
         damage(file)
     with pytest.raises(InputError, match=r"data\.h5"):
         read_dataset(path)
+
+
+@pytest.fixture
+def clamped(data, rng):
+    """Data of an edge, with what its clamps carry."""
+    n = len(data)
+    return dataclasses.replace(data, support=rng.normal(size=(n, 6)), support_tangent=rng.normal(size=(n, 6, 6)))
+
+
+def test_what_clamps_carry_goes_with_the_data(data, clamped, tmp_path):
+    """Written, read, taken, joined with data without clamps, in either order; the run of every point stays known."""
+    write_dataset(tmp_path / "d.h5", clamped)
+    assert_same(read_dataset(tmp_path / "d.h5"), clamped)
+    part = take(clamped, np.array([3, 1]))
+    np.testing.assert_array_equal(part.support, clamped.support[[3, 1]])
+    np.testing.assert_array_equal(part.support_tangent, clamped.support_tangent[[3, 1]])
+    for first, second, at in ((data, clamped, slice(8, None)), (clamped, data, slice(0, 8))):
+        both = join_datasets(first, second)
+        np.testing.assert_array_equal(both.support[at], clamped.support)
+        np.testing.assert_array_equal(both.support_tangent[at], clamped.support_tangent)
+        assert np.abs(both.support).sum() == np.abs(clamped.support).sum()
+        np.testing.assert_array_equal(both.source, np.repeat([0, 1], 8))
+    three = join_datasets(join_datasets(data, clamped), take(clamped, np.arange(2)))
+    np.testing.assert_array_equal(three.source, [0] * 8 + [1] * 8 + [2] * 2)
+    assert len(three.sources) == 3
+    write_dataset(tmp_path / "three.h5", three)
+    assert_same(read_dataset(tmp_path / "three.h5"), three)
+    np.testing.assert_array_equal(take(three, three.source == 2).support, clamped.support[:2])
+
+
+def test_what_clamps_carry_in_another_measure(clamped):
+    """It turns as the stress does; its tangent, which would need that of F, is left out."""
+    other = convert_dataset(clamped, "first_piola")
+    alone = convert_dataset(dataclasses.replace(clamped, stress=clamped.support), "first_piola")
+    np.testing.assert_allclose(other.support, alone.stress, rtol=1e-12)
+    assert other.support_tangent is None
+    assert convert_dataset(clamped, "kirchhoff").support_tangent is clamped.support_tangent
