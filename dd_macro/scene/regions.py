@@ -63,7 +63,7 @@ def edge_regions(
     largest = _over_ranks(domain, extent, MPI.MAX)
     met = np.zeros((len(x), 3, 2), dtype=np.int64)  # along each axis, downwards and upwards: 0 nothing, 1 free, 2 held
     for kind, sides in ((1, free), (2, held)):
-        for side in sides:
+        for side in sorted(sides):  # in one order on all ranks
             low, high, _ = domain.extent(side)
             flat = [a for a in axes if high[a] - low[a] <= _NEAR * block and largest[a] <= (1 + _NEAR) * block]
             for axis in flat:
