@@ -36,6 +36,7 @@ def test_nearest_data_are_those_of_the_parts(kind, parts, points):
     z = METRIC.whiten(strain, stress)
     index, distance = search.nearest(z)
     joined = join_parts(parts)
+    assert joined.source is not None
     assert len(search.dataset) == len(joined) == 90
     for k, (part, begin) in enumerate(zip(parts, (0, 20, 50), strict=True)):
         at = region == k

@@ -21,7 +21,7 @@ def counts(comm, elements, size, axes=(0, 1, 2), **sides):
     assert len(set(regions.places)) == len(regions.places)
     assert all(places == regions.places for places in comm.allgather(regions.places))
     mine = Counter(regions.places[k] for k in regions.cell)
-    found = Counter()
+    found: Counter[dd.Place] = Counter()
     for part in comm.allgather(mine):
         found.update(part)
     return dict(found)

@@ -186,6 +186,7 @@ def test_sampled_adapted_and_asked_by_a_law_the_support_is_one():
     law.stress_and_tangent(sampled.strain)
     assert sampled.support is not None
     assert source is not None
+    assert source.support is not None
     assert np.abs(sampled.support).max() > 10
     np.testing.assert_allclose(source.support, sampled.support, atol=1e-6 * np.abs(sampled.support).max())
     np.testing.assert_allclose(law.support(sampled.strain), sampled.support, atol=1e-6 * np.abs(sampled.support).max())

@@ -321,6 +321,8 @@ def test_what_clamps_carry_goes_with_the_data(data, clamped, tmp_path):
     np.testing.assert_array_equal(part.support_tangent, clamped.support_tangent[[3, 1]])
     for first, second, at in ((data, clamped, slice(8, None)), (clamped, data, slice(0, 8))):
         both = join_datasets(first, second)
+        assert both.support is not None
+        assert both.support_tangent is not None
         np.testing.assert_array_equal(both.support[at], clamped.support)
         np.testing.assert_array_equal(both.support_tangent[at], clamped.support_tangent)
         assert np.abs(both.support).sum() == np.abs(clamped.support).sum()
@@ -328,6 +330,7 @@ def test_what_clamps_carry_goes_with_the_data(data, clamped, tmp_path):
     three = join_datasets(join_datasets(data, clamped), take(clamped, np.arange(2)))
     np.testing.assert_array_equal(three.source, [0] * 8 + [1] * 8 + [2] * 2)
     assert len(three.sources) == 3
+    assert three.source is not None
     write_dataset(tmp_path / "three.h5", three)
     assert_same(read_dataset(tmp_path / "three.h5"), three)
     np.testing.assert_array_equal(take(three, three.source == 2).support, clamped.support[:2])
@@ -337,6 +340,7 @@ def test_what_clamps_carry_in_another_measure(clamped):
     """It turns as the stress does; its tangent, which would need that of F, is left out."""
     other = convert_dataset(clamped, "first_piola")
     alone = convert_dataset(dataclasses.replace(clamped, stress=clamped.support), "first_piola")
+    assert other.support is not None
     np.testing.assert_allclose(other.support, alone.stress, rtol=1e-12)
     assert other.support_tangent is None
     assert convert_dataset(clamped, "kirchhoff").support_tangent is clamped.support_tangent
