@@ -134,9 +134,7 @@ Element = Annotated[
 Kind = Annotated[KindName, typer.Option(help="Tissue: a sheet with free faces, or bulk, periodic in x, y, z.")]
 Flat = Annotated[bool, typer.Option("--flat/--free", help="Hold the back side in its plane: the sheet cannot buckle.")]
 MeshUnit = Annotated[str, typer.Option(help="Unit of the mesh's coordinates: m, mm, um or nm.")]
-Edges = Annotated[
-    bool, typer.Option("--edges/--no-edges", help="With RVEs: outer blocks are a tissue of their own.")
-]
+Edges = Annotated[bool, typer.Option("--edges/--no-edges", help="With RVEs: outer blocks are a tissue of their own.")]
 MergeNodes = Annotated[bool, typer.Option("--merge-nodes", help="Join nodes of the mesh that are at one place.")]
 Plots = Annotated[bool, typer.Option("--plots/--no-plots", help="Draw the figures and write the ParaView file.")]
 

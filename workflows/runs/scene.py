@@ -21,7 +21,7 @@ from tsg_micro.data.mandel import from_mandel
 from workflows.runs.loads import LOADS, check_load, check_reach
 from workflows.store.limits import check_memory
 
-__all__ = ["CLAMPS", "ELEMENTS", "KINEMATICS", "Scene", "read_material", "tissue_of"]
+__all__ = ["CLAMPS", "ELEMENTS", "KINEMATICS", "OLDER", "Scene", "read_material", "tissue_of"]
 
 KINEMATICS = tuple(dd.THEORIES)
 _PER_ELEMENT = 15e3
@@ -31,6 +31,15 @@ MOST_BLOCKS = 1e5
 CLAMPS = ("full", "inplane")
 ELEMENTS = ("enhanced", "trilinear")
 """Of degree 1: the first one is the default."""
+OLDER: dict[str, object] = {
+    "element": "trilinear",
+    "mesh_unit": "m",
+    "merge_nodes": False,
+    "edges": False,
+    "refine": 1,
+    "kind": None,
+}
+"""What the scene of a run was that does not say."""
 
 
 @dataclass(frozen=True)

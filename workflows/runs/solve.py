@@ -110,6 +110,7 @@ class _Asked:
     def parameters(self, dataset: Dataset) -> dict[str, Any]:
         """For the summary."""
         plan, known = self.adaptation, tissue_of(dataset)
+        forces = {source.get("bar_force") for source in dataset.sources}
         force = None if self.tissue is None else self.tissue.bar_force
         return {
             "data": self.data,
@@ -119,7 +120,7 @@ class _Asked:
             "stress_measure": self.stress_measure,
             "adaptation": None if plan is None else {"bar_force": force, **asdict(plan)},
             **({} if known is None else known.as_dict()),
-            "bar_force": dataset.parameters.get("bar_force"),
+            "bar_force": forces.pop() if len(forces) == 1 else None,
         }
 
 

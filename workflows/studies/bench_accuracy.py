@@ -26,7 +26,8 @@ from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.files import output_folder
 from tsg_micro.data.mandel import pressure, von_mises
-from workflows.runs.adaptation import material_of, rve_of, specs_of
+from workflows.runs.adaptation import rve_of, source_for
+from workflows.runs.edges import in_parts, specs_of
 from workflows.runs.loads import LOADS
 from workflows.runs.scene import Scene
 from workflows.runs.tensegrity import read_blocks
@@ -185,16 +186,16 @@ def _adaptive(case: Case, scene: Scene) -> dd.AdaptiveResult:
     """Adaptive data from nothing, with default numbers."""
     spec = rve_of(case.tissue, None)
     problem = scene.problem(MPI.COMM_SELF, case.tissue, spec)
-    material = material_of(scene, spec, problem, None, metric="auto", measure=None)
-    return dd.AdaptiveMethod().prepare(problem, material).solve()
+    parts = [dd.Material(source=source_for(scene, one, problem)) for one in specs_of(spec, problem)]
+    return dd.AdaptiveMethod().prepare(problem, in_parts(parts)).solve()
 
 
 def _fe2(case: Case, scene: Scene) -> dd.Solution:
     """The same with an RVE at every quadrature point."""
     spec = RVESpec(case.tissue, free=())
     problem = scene.problem(MPI.COMM_SELF, case.tissue, spec)
-    parts = tuple(dd.Material(law=RVELaw(one.build())) for one in specs_of(spec, problem))
-    return dd.LawMethod().prepare(problem, replace(parts[0], parts=parts if len(parts) > 1 else ())).solve()
+    parts = [dd.Material(law=RVELaw(one.build())) for one in specs_of(spec, problem)]
+    return dd.LawMethod().prepare(problem, in_parts(parts)).solve()
 
 
 def _grid(midpoint: Array, case: Case) -> NDArray[np.int64]:

@@ -20,7 +20,7 @@ from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.mandel import pressure, von_mises
 from workflows.runs.loads import LOADS
-from workflows.runs.scene import Scene
+from workflows.runs.scene import OLDER, Scene
 from workflows.store.record import read_summary, versions
 from workflows.studies.methods import adaptive
 
@@ -94,9 +94,10 @@ def fe2_parameters(fe2: Path) -> dict[str, Any]:
         InputError: it is not there.
     """
     said = read_summary(fe2, "fe2")["parameters"]
-    element = "trilinear" if said.get("degree", 1) == 1 else None
-    scene = {"kinematics": "small", "clamp": "full", "degree": 1, "flat": False, "element": element}
-    return scene | {"mesh_unit": "m", "merge_nodes": False, "edges": False, "refine": 1} | Tissue().as_dict() | said
+    scene = {"kinematics": "small", "clamp": "full", "degree": 1, "flat": False, **OLDER}
+    if said.get("degree", 1) > 1:
+        scene["element"] = None
+    return scene | Tissue().as_dict() | said
 
 
 def check_fe2(fe2: Path, scene: Scene, tissue: Tissue) -> None:

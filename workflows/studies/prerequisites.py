@@ -20,9 +20,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Chain"]
 
-_SINCE = {"element": "trilinear", "mesh_unit": "m", "merge_nodes": False, "edges": False, "refine": 1}
-"""What a scene did not say at first; where it is what it was then, stages are those of then."""
-
 
 @dataclass(frozen=True)
 class Chain:
@@ -99,9 +96,10 @@ class Chain:
     def fe2(self, stages: Stages, scene: Scene, say: Callable[[str], None]) -> Path:
         """The folder of FE2 of this scene; computed unless it is there."""
         from workflows.runs.fe2 import fe2
+        from workflows.runs.scene import OLDER
 
         run: dict[str, Any] = {**scene.parameters(), "bar_force": self.bar_force}
-        for name, old in _SINCE.items():
+        for name, old in OLDER.items():
             if run.get(name) in (old, None):
                 run.pop(name, None)
         name = "-".join(["fe2", scene.load, scene.kinematics, scene.clamp] + ["flat"] * scene.flat)
