@@ -100,7 +100,7 @@ def chain(tmp_path_factory):
             *("--no-plots", "--out", runs.data),
         ),
         ("dns", "--blocks", 4, 4, "--steps", 2, *scene, "--out", runs.dns),
-        ("solve", "--data", runs.data, "--elements", 4, 4, 1, *scene, "--out", runs.dd),
+        ("solve", "--data", runs.data, "--elements", 4, 4, 1, "--element", "trilinear", *scene, "--out", runs.dd),
     )
     for step in steps:
         assert call(*step) == 0

@@ -148,7 +148,7 @@ class Scene:
         if self.clamp == "full":
             return [*back, dd.Displacement("bottom"), dd.Displacement("top", value=moved)]
         in_plane = [dd.Displacement("bottom", (0.0, 0.0), (0, 1)), dd.Displacement("top", moved[:2], (0, 1))]
-        return [*in_plane, *(back or _lower_edges(domain))]
+        return [*in_plane, *back, *(_lower_edges(domain, moved[2]) if moved[2] or not back else ())]
 
     def top_force(self, solution: dd.Solution) -> float:
         """Force in N along which the top side moves, that of its support; collective."""
@@ -159,14 +159,14 @@ class Scene:
         return asdict(self) | {"element": (self.element or ELEMENTS[0]) if self.degree == 1 else None}
 
 
-def _lower_edges(domain: dd.TaggedMesh) -> list[dd.Displacement]:
-    """Bottom and top held across the plane where z is least; they leave their thickness free."""
+def _lower_edges(domain: dd.TaggedMesh, moved: float) -> list[dd.Displacement]:
+    """Bottom held, top ``moved`` (m) across the plane where z is least; they leave their thickness free."""
     back, front = _extent(domain, 2)
 
     def lower(x: NDArray[np.float64]) -> NDArray[np.bool_]:
         return np.asarray(x[:, 2] < back + 1e-6 * (front - back))
 
-    return [dd.Displacement(side, (0.0,), (2,), where=lower) for side in ("bottom", "top")]
+    return [dd.Displacement(side, (z,), (2,), where=lower) for side, z in (("bottom", 0.0), ("top", moved))]
 
 
 def _check_place(domain: dd.TaggedMesh, side: str, low: float, high: float) -> None:

@@ -26,7 +26,7 @@ from workflows.runs.solve import solve
 ROOT = Path(__file__).parents[3]
 F_B = 1e-8
 TISSUE = Tissue(bar_force=F_B)
-SCENE = Scene("shear", 0.06, elements=(4, 4, 1))
+SCENE = Scene("shear", 0.06, elements=(4, 4, 1), element="trilinear", edges=False)
 BUDGETS = (1, 4, 16, 64)
 UNIT = dd.Metric(np.eye(6), "unit")
 
@@ -129,7 +129,19 @@ def test_it_goes_on_with_data_that_are_there(folder, tmp_path):
 
 def test_ranks_do_not_change_the_answer(mpirun, folder, tmp_path):
     scene = ("--elements", 4, 4, 1, "--load", "shear", "--strain", 0.06, "--bar-force", F_B)
-    plan = ("--adapt", "--rve-budget", 16, "--adapt-tolerance", 0, "--no-plots", "--out", tmp_path / "two")
+    plan = (
+        "--element",
+        "trilinear",
+        "--no-edges",
+        "--adapt",
+        "--rve-budget",
+        16,
+        "--adapt-tolerance",
+        0,
+        "--no-plots",
+        "--out",
+        tmp_path / "two",
+    )
     env = {"PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
     done = mpirun(2, sys.executable, "-c", "from workflows.cli import main; main()", "solve", *scene, *plan, env=env)
     assert done.returncode == 0, done.stderr

@@ -65,7 +65,8 @@ def test_what_the_data_leave(run):
 
 def test_errors_are_those_of_solve_and_compare(run, chain, tsgdd, read_summary, tmp_path):
     out, summary = run
-    solve = ("solve", "--data", chain.data, "--elements", 4, 4, 1, "--strain", 0.04, "--order", 2, "--no-plots")
+    plain = ("--element", "trilinear", "--order", 2, "--no-plots")
+    solve = ("solve", "--data", chain.data, "--elements", 4, 4, 1, "--strain", 0.04, *plain)
     assert tsgdd(*solve, "--out", tmp_path / "dd").code == 0
     for folder, method in ((chain.dd, "data-driven, metric tangent"), (tmp_path / "dd", "second-order data")):
         assert tsgdd("compare", "--dd", folder, "--dns", chain.dns, "--out", tmp_path / "c", "--no-plots").code == 0

@@ -31,6 +31,11 @@ from workflows.studies.prerequisites import Chain
 SHEET, SMALL = Chain(blocks=(4, 4), strain=0.04), Chain(blocks=(3, 3), strain=0.04)
 
 
+def plain(load, strain, *, elements):
+    """A scene as the studies of the paper have it."""
+    return Scene(load, strain, elements=elements, element="trilinear", edges=False)
+
+
 @pytest.fixture(scope="module")
 def scaled(chain, tmp_path_factory):
     """The study of the metric on the runs of the chain."""
@@ -62,7 +67,7 @@ def test_the_metric_matters_to_points_and_not_to_tangent_spaces(scaled, chain, i
 
     data = read_dataset(chain.data)
     C = dd.Metric(3.0 * np.array(summary["metric"]["classical"]), "3 times")
-    bench = make_bench(Scene("stretch", 0.04, elements=(4, 4, 1)), C, data, read_blocks(chain.dns, "first_piola"))
+    bench = make_bench(plain("stretch", 0.04, elements=(4, 4, 1)), C, data, read_blocks(chain.dns, "first_piola"))
     assert bench.solve(data)[0]["error_mech"] == pytest.approx(first[3.0], rel=1e-9)
     C = dd.Metric(3.0 * np.array(summary["metric"]["second order"]), "3 times")
     projection = dd.project(bench.projection.problem, C)
@@ -121,7 +126,7 @@ def test_every_cell_of_the_grid_converges_or_says_why(grid):
 def test_a_false_claim_is_found(name, chain):
     method = grid_methods()[name]
     data = method.given(read_dataset(chain.data))
-    scene = Scene("shear", 0.04, elements=(4, 3, 1))
+    scene = plain("shear", 0.04, elements=(4, 3, 1))
     C = dd.metric_from_dataset(data)
     C = dd.Metric(5 * C.C, "far too stiff")  # many iterations
     projection = dd.project(scene.problem(MPI.COMM_SELF), C)
@@ -205,7 +210,7 @@ def test_tangents_and_adaptive_data_leave_less_error(left, chain, is_png):
 
 def test_fe2_has_no_error_against_itself(left):
     out, _ = left
-    scene = Scene("shear", 0.03, elements=(3, 3, 1))
+    scene = plain("shear", 0.03, elements=(3, 3, 1))
     exact = read_exact(out / "fe2-shear-small-full", scene, Tissue())
     law = RVELaw(RVESpec(free=()).build())
     result = dd.equilibrium(exact.problem, law)
@@ -237,7 +242,7 @@ def test_fe2_has_no_error_against_itself(left):
 
 
 def test_data_are_in_the_stress_of_fe2_and_of_its_rve(chain, tmp_path):
-    scene, sheet = Scene("shear", 0.03, elements=(3, 3, 1)), Chain(blocks=(3, 3), strain=0.03)
+    scene, sheet = plain("shear", 0.03, elements=(3, 3, 1)), Chain(blocks=(3, 3), strain=0.03)
     data = read_dataset(chain.data)
     write_dataset(tmp_path / "cauchy.h5", convert_dataset(data, "cauchy"))
     one, two = sources([chain.data, tmp_path / "cauchy.h5"], scene, sheet).values()  # files alike are two sources
@@ -253,7 +258,7 @@ def test_data_are_in_the_stress_of_fe2_and_of_its_rve(chain, tmp_path):
 
 def test_an_adaptive_run_that_fails_is_a_row_that_says_why(left, monkeypatch):
     out, _ = left
-    exact = read_exact(out / "fe2-shear-small-full", Scene("shear", 0.03, elements=(3, 3, 1)), Tissue())
+    exact = read_exact(out / "fe2-shear-small-full", plain("shear", 0.03, elements=(3, 3, 1)), Tissue())
 
     def fail(*arguments, **more):
         raise ConvergenceError("it left")
