@@ -134,7 +134,10 @@ Element = Annotated[
 Kind = Annotated[KindName, typer.Option(help="Tissue: a sheet with free faces, or bulk, periodic in x, y, z.")]
 Flat = Annotated[bool, typer.Option("--flat/--free", help="Hold the back side in its plane: the sheet cannot buckle.")]
 MeshUnit = Annotated[str, typer.Option(help="Unit of the mesh's coordinates: m, mm, um or nm.")]
-Edges = Annotated[bool, typer.Option("--edges/--no-edges", help="With RVEs: outer blocks are a tissue of their own.")]
+Edges = Annotated[
+    bool | None,
+    typer.Option("--edges/--no-edges", help="Outer blocks are a tissue of their own, where there are RVEs; in sheets."),
+]
 MergeNodes = Annotated[bool, typer.Option("--merge-nodes", help="Join nodes of the mesh that are at one place.")]
 Plots = Annotated[bool, typer.Option("--plots/--no-plots", help="Draw the figures and write the ParaView file.")]
 
@@ -266,7 +269,7 @@ class SceneOptions(Group):
     degree: Degree = 1
     element: Element = None
     flat: Flat = False
-    edges: Edges = True
+    edges: Edges = None
     kind: Annotated[
         KindName | None, typer.Option(help="Tissue, sheet or bulk; that of the data, else a sheet, if not given.")
     ] = None

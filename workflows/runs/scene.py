@@ -48,12 +48,13 @@ class Scene:
 
     ``kinematics`` is "small" or "finite" strain. The sides with a displacement are held in all three components
     (``clamp`` "full"), or in the plane of the sheet alone ("inplane"), where their thickness is free: the hold on the
-    thickness fades over a third of a block, which elements of a block cannot follow. ``degree`` of the elements;
-    those of degree 1 are an ``element`` of ELEMENTS, its default if None. A ``flat`` sheet has its back side held in
-    its plane, so that it cannot buckle. ``mesh_unit`` is that of the file's coordinates; ``merge_nodes`` joins those
-    nodes that are at one place. With ``edges`` the outer blocks at clamps and at free sides have a tissue of their own,
-    where RVEs of it can be had. ``kind`` of tissue is one of tsg_micro.continuum.rve_spec.KINDS, None where the data
-    decide. A block has ``refine`` elements along each axis.
+    thickness fades over a third of a block, which elements of a block cannot follow. ``degree`` of the elements; those
+    of degree 1 are an ``element`` of ELEMENTS, its default if None. A ``flat`` sheet has its back side held in its
+    plane, so that it cannot buckle. ``mesh_unit`` is that of the file's coordinates; ``merge_nodes`` joins those nodes
+    that are at one place. With ``edges`` the outer blocks at clamps and at free sides have a tissue of their own,
+    where RVEs of it can be had; if None, those of a sheet have, since in bulk tissue it does not pay (docs/edges.md).
+    ``kind`` of tissue is one of tsg_micro.continuum.rve_spec.KINDS, None where the data decide. A block has ``refine``
+    elements along each axis.
     """
 
     load: str
@@ -67,7 +68,7 @@ class Scene:
     element: str | None = None
     mesh_unit: str = "m"
     merge_nodes: bool = False
-    edges: bool = True
+    edges: bool | None = None
     refine: int = 1
     kind: str | None = None
 
@@ -119,7 +120,7 @@ class Scene:
         domain = self.build(comm, tissue)
         theory, enhanced = dd.THEORIES[self.kinematics], self.parameters()["element"] == "enhanced"
         operator = theory.operator(domain, degree=self.degree, enhanced=enhanced)
-        if rve is None or not self.edges:
+        if rve is None or not (self.edges if self.edges is not None else not all(rve.periodic)):
             return dd.Problem(operator, self.supports(domain))
         clamps = {"bottom", "top"} if self.clamp == "full" else set()
         free = set(domain.names) - {"bottom", "top"} - ({"back"} if self.flat else set())
@@ -155,8 +156,9 @@ class Scene:
         return float(solution.reaction("top")[LOADS[self.load].axis])
 
     def parameters(self) -> dict[str, object]:
-        """For the summary; the element that is taken, None if of degree 2."""
-        return asdict(self) | {"element": (self.element or ELEMENTS[0]) if self.degree == 1 else None}
+        """For the summary; the element that is taken, None if of degree 2, and whether edges are where they can be."""
+        edges = self.kind != "bulk" if self.edges is None else self.edges
+        return asdict(self) | {"element": (self.element or ELEMENTS[0]) if self.degree == 1 else None, "edges": edges}
 
 
 def _lower_edges(domain: dd.TaggedMesh, moved: float) -> list[dd.Displacement]:
