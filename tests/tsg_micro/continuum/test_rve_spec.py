@@ -114,7 +114,7 @@ def test_joined_data_name_every_rve_once(tmp_path):
         ({"tissue": {"cell": 3}}, "tissue, cell: expected some of .*, got 3"),
         ({"tissue": {}, "rve": {"blocks": [0, 1, 1]}}, "blocks: expected at least 1, got 0"),
         ({"tissue": {}, "rve": {"images": "tied"}}, "images: expected merged or duplicated, got 'tied'"),
-        ({"tissue": {}, "rve": {"size": 3}}, "rve: expected some of blocks, periodic, images, free, got size"),
+        ({"tissue": {}, "rve": {"size": 3}}, "rve: expected some of blocks, periodic, images, free, held, got size"),
     ],
 )
 def test_bad_parameters(parameters, text):

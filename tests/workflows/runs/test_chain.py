@@ -96,7 +96,7 @@ def test_same_fields_on_1_2_and_3_ranks(chain, launch, read_summary, is_png, tmp
     one, summary = read_quadrature(chain.dd / "quadrature.h5"), read_summary(chain.dd)
     for ranks in (2, 3):
         out = tmp_path / str(ranks)
-        scene = ("--elements", 4, 4, 1, "--strain", 0.04, "--out", out)
+        scene = ("--elements", 4, 4, 1, "--element", "trilinear", "--strain", 0.04, "--out", out)
         done = launch("solve", "--data", chain.data, *scene, *["--no-plots"] * (ranks > 2), ranks=ranks)
         assert done.code == 0, done.err
         assert (ranks > 2) or is_png(out / "fields.png")
@@ -142,8 +142,8 @@ def test_a_gmsh_mesh_is_the_same_as_elements(chain, tsgdd, read_summary, tmp_pat
     from meshes.sheet import flat_sheet
 
     flat_sheet(tmp_path / "sheet.msh", elements=(4, 4, 1), size=(4 * BLOCK, 4 * BLOCK, BLOCK))
-    scene = ("--mesh", tmp_path / "sheet.msh", "--strain", 0.04, "--no-plots", "--out", tmp_path)
-    done = tsgdd("solve", "--data", chain.data, *scene)
+    scene = ("--mesh", tmp_path / "sheet.msh", "--element", "trilinear", "--strain", 0.04)
+    done = tsgdd("solve", "--data", chain.data, *scene, "--no-plots", "--out", tmp_path)
     assert done.code == 0, done.err
     summary, box = read_summary(tmp_path), read_summary(chain.dd)
     assert summary["iterations"] == box["iterations"]

@@ -108,7 +108,7 @@ def test_sampled_edges_are_used(order, data, tmp_path):
         ("bare", "inside", True),
         ("on", "all", True),
     ):
-        scene = Scene("stretch", 0.05, elements=(4, 4, 1), edges=edges)
+        scene = Scene("stretch", 0.05, elements=(4, 4, 1), edges=edges, element="trilinear")
         found[name] = solve(tmp_path / name, data=data[file], scene=scene, order=order, plots=False)["top_force"]
     assert found["off"] == found["bare"] == pytest.approx(found["none"], rel=1e-12)
     assert abs(found["on"] / found["none"] - 1) > 0.02
