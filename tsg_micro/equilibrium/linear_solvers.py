@@ -88,7 +88,11 @@ class SuperLU:
 
 
 class Pardiso:
-    """Intel MKL PARDISO through pypardiso, symmetric indefinite; the ordering is worked out once."""
+    """Intel MKL PARDISO through pypardiso, symmetric indefinite; the ordering is worked out once.
+
+    What PARDISO keeps between calls is laid out for a number of threads, and it writes beyond it where another number
+    calls: a matrix is analysed anew where the number has changed, and solved with that of its factorisation.
+    """
 
     def __init__(self, indptr: Index, indices: Index) -> None:
         for library in sorted(Path(sys.prefix, "lib").glob("libmkl_rt.*")):  # else the import walks all of Python
@@ -104,7 +108,7 @@ class Pardiso:
         iparm[10], iparm[12] = 0, 0  # no scaling or matching: the pattern's ordering stays valid
         self._matrix = sp.csr_array((np.zeros(len(indices)), indices, indptr), shape=(n, n))
         self._dummy = np.zeros((n, 1), order="F")
-        self._analysed = False
+        self._threads = 0  # those of the analysis
         weakref.finalize(self, self._solver.free_memory, everything=True)
 
     def _call(self, phase: int, b: Array) -> Array:
@@ -118,9 +122,21 @@ class Pardiso:
 
     def factorise(self, values: Array) -> Factor:
         self._matrix.data = np.ascontiguousarray(values)
-        self._call(22 if self._analysed else 12, self._dummy)
-        self._analysed = True
-        return Factor(lambda b: self._call(33, np.asfortranarray(b)), int(self._solver.iparm[22]))
+        threads = int(self._solver.libmkl.MKL_Get_Max_Threads())
+        if self._threads not in (0, threads):
+            self._solver.free_memory(everything=True)
+            self._threads = 0
+        self._call(22 if self._threads else 12, self._dummy)
+        self._threads = threads
+        return Factor(self._solve, int(self._solver.iparm[22]))
+
+    def _solve(self, b: Array) -> Array:
+        set_threads = self._solver.libmkl.MKL_Set_Num_Threads_Local
+        before = set_threads(self._threads)
+        try:
+            return self._call(33, np.asfortranarray(b))
+        finally:
+            set_threads(before)
 
 
 class Mumps:
