@@ -21,7 +21,7 @@ from dd_macro.material.search import MaterialSearch
 from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import InputError
 
-__all__ = ["SpaceProjection", "TangentSearch", "TangentSpaces"]
+__all__ = ["SpaceProjection", "StrainSearch", "TangentSearch", "TangentSpaces"]
 
 Array = NDArray[np.float64]
 
@@ -129,6 +129,24 @@ class TangentSearch(MaterialSearch):
             gap = cKDTree(at).query(at, k=min(7, len(at)), workers=self.workers)[0][:, -1]
             reach[self._first] = gap + self.trust * np.sqrt((at**2).sum(axis=1).mean())
         return reach
+
+
+class StrainSearch(TangentSearch):
+    """As :class:`TangentSearch`, by the distance of the strain alone.
+
+    For data that a source was asked for at strains of the solution. In strain and stress a datum that contradicts the
+    tangent of its neighbour may be further from the state on that tangent than the neighbour is, however near its
+    strain: where the tissue stiffens beyond what the metric expects, the state would never leave its first datum.
+    """
+
+    def __init__(self, dataset: Dataset, metric: Metric) -> None:
+        super().__init__(dataset, metric)
+        self._data[:, 6:] = 0.0
+        self._tree = cKDTree(self._data)
+
+    def nearest(self, z: Array) -> tuple[NDArray[np.int64], Array]:
+        """As of :class:`MaterialSearch`; the distance is that of the strain."""
+        return super().nearest(z * np.repeat([1.0, 0.0], 6))  # NaN of the stress stays, and is refused
 
 
 class SpaceProjection:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from dd_macro.material.metric import Metric
 from dd_macro.material.regional import search_in_regions
-from dd_macro.material.tangent_spaces import TangentSearch
+from dd_macro.material.tangent_spaces import StrainSearch, TangentSearch
 from dd_macro.methods.adaptive_data import AllData, PartData
 from dd_macro.methods.clusters import cluster
 from dd_macro.methods.method import SILENT, Material, Watch, with_iterations
@@ -205,7 +205,7 @@ class _Rounds:
     def step(self, known: Dataset) -> dict[str, Any]:
         """One step with the data ``known``: the numbers of its round."""
         operator, C, last, data = self.problem.operator, self.projection.metric, self.z, self.data
-        self._searches = [TangentSearch(part.all, C) for part in data.parts]
+        self._searches = [StrainSearch(part.all, C) for part in data.parts]
         self.search = search_in_regions(self._searches, self.problem.region_of_points)
         self.spaces, iterations = self.search.spaces(last.strain, last.stress), 0
         if self.done or self._given:
