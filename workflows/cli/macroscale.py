@@ -78,6 +78,8 @@ def solve(
         plots=plots,
         say=say,
     )
+    for warning in summary["warnings"]:
+        say(f"{'warning':24} {warning}")
     if adapt:
         report(summary, "adapt_reason rves failed_rves estimated_error seconds_rve", out / "data.h5")
     report(summary, "iterations converged normalised_distance quadrature_points data_points ranks seconds", out)

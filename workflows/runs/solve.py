@@ -29,6 +29,8 @@ _OF_ORDER = {1: "classical", 2: "second order"}
 _ITERATIONS = {"classical": 300}
 """At most, where nothing is asked for and it is not what the method has."""
 _LEAST = 4
+LARGE_ERROR, LARGE_DISTANCE = 0.02, 0.05
+"""Estimated error, and normalised distance, beyond which a run warns."""
 
 
 @dataclass(frozen=True)
@@ -162,6 +164,7 @@ def solve(
     dd.write_solution(out, solution, stress_measure=measure)
     figures = solution.figures() | {"top_force": (scene.top_force(solution), "N"), "stress_measure": (measure, "")}
     figures |= {"peak_memory": (peak_memory(), "B"), **{name: (value, "s") for name, value in seconds.items()}}
+    figures |= {"warnings": (_warnings(figures), "")}
     summary, comm = None, MPI.COMM_WORLD
     if comm.rank == 0:
         parameters = asked.parameters(solution.dataset)
@@ -169,6 +172,22 @@ def solve(
         if plots:
             _draw(out, solution)
     return comm.bcast(summary)
+
+
+def _warnings(figures: dict[str, tuple[Any, str]]) -> list[str]:
+    """What the figures of a solution say against it, and what helps."""
+    distance, error = (figures.get(name, (0.0, ""))[0] for name in ("normalised_distance", "estimated_error"))
+    if error is not None and error > LARGE_ERROR:
+        return [
+            f"the data leave an estimated error of {error:.1%}: a larger --rve-budget lowers it, beyond a strain of "
+            "some 10 % --kinematics finite too"
+        ]
+    if distance > LARGE_DISTANCE:
+        return [
+            f"mechanical and material states are {distance:.1%} apart, the data do not hold what this scene needs: more "
+            "of them there, --order 2 or --adapt help"
+        ]
+    return []
 
 
 def _solution(asked: _Asked, out: Path, say: Callable[[str], None]) -> tuple[dd.Solution, dict[str, float]]:

@@ -78,6 +78,16 @@ def test_a_tissue_that_stiffens_manyfold(tmp_path):
     assert found["surprise_rounds"][-1] < 0.2 * found["surprise_rounds"][1]
 
 
+def test_a_large_error_is_a_warning(tsgdd, read_summary, tmp_path):
+    scene = ("--elements", 3, 3, 1, "--load", "shear", "--bar-force", F_B, "--no-plots", "--out", tmp_path)
+    for budget, strain, warned in ((5, 0.15, True), (64, 0.01, False)):
+        done = tsgdd("solve", "--adapt", *scene, "--strain", strain, "--rve-budget", budget)
+        assert done.code == 0, done.err
+        summary = read_summary(tmp_path)
+        assert (summary["estimated_error"] > 0.02) == warned
+        assert ("--rve-budget" in " ".join(summary["warnings"])) == ("--rve-budget lowers it" in done.out) == warned
+
+
 def test_the_summary_tells_how_it_went(folder, read_summary):
     summary = read_summary(folder / "64")
     assert summary["parameters"]["order"] == 2
