@@ -184,8 +184,8 @@ def _warnings(figures: dict[str, tuple[Any, str]]) -> list[str]:
         ]
     if distance > LARGE_DISTANCE:
         return [
-            f"mechanical and material states are {distance:.1%} apart, the data do not hold what this scene needs: more "
-            "of them there, --order 2 or --adapt help"
+            f"mechanical and material states are {distance:.1%} apart, the data do not hold what this scene needs: "
+            "more of them there, --order 2 or --adapt help"
         ]
     return []
 
