@@ -139,7 +139,9 @@ def accuracy(
 
 
 def _scene(case: Case, options: Mapping[str, Any]) -> Scene:
-    return Scene(case.load, case.strain, elements=(*case.blocks, 1), **{"flat": True, **options})
+    """Default options; a sheet that could buckle, in finite strain, is held flat as the full tensegrity is."""
+    held = {"flat": options.get("kinematics") == "finite"}
+    return Scene(case.load, case.strain, elements=(*case.blocks, 1), **{**held, **options})
 
 
 def _rows(case: Case, scene: Scene, dns: Path, *, parts: bool) -> list[dict[str, Any]]:
