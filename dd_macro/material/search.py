@@ -30,7 +30,7 @@ class MaterialSearch:
 
     def __init__(self, dataset: Dataset, metric: Metric, *, workers: int = 1) -> None:
         self.dataset, self.metric, self.workers = dataset, metric, workers
-        whitened = metric.whiten(dataset.strain, dataset.stress)
+        whitened = self._seen(metric.whiten(dataset.strain, dataset.stress))
         _, first = np.unique(whitened, axis=0, return_index=True)
         self._first = np.sort(first)
         self._data = whitened[self._first]
@@ -44,6 +44,10 @@ class MaterialSearch:
         self._nearest = np.empty(0, dtype=np.int64)
         self._margin = np.empty(0)
 
+    def _seen(self, z: Array) -> Array:
+        """What of whitened points (n, 12) the distance is of: all of it."""
+        return z
+
     def nearest(self, z: Array) -> tuple[NDArray[np.int64], Array]:
         """Index into the data set of the nearest datum, and the local distance to it, of whitened points z (n, 12).
 
@@ -52,6 +56,7 @@ class MaterialSearch:
         """
         if z.ndim != 2 or z.shape[1] != 12 or not np.isfinite(z).all():
             raise InputError(f"points to search for: expected finite numbers (n, 12), got shape {z.shape} or NaN")
+        z = self._seen(z)
         if len(z) != len(self._where):
             self._where = np.full((len(z), 12), np.nan)
             self._nearest = np.zeros(len(z), dtype=np.int64)

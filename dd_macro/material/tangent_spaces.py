@@ -90,7 +90,7 @@ class TangentSearch(MaterialSearch):
         if self.neighbours == 1:
             return self.of(self.nearest(z)[0])
         more = min(self.neighbours + 1, len(self._data))
-        distance, index = self._tree.query(z, k=more, workers=self.workers)
+        distance, index = self._tree.query(self._seen(z), k=more, workers=self.workers)
         if more == self.neighbours:  # no next datum: it is as far away as the last, and half as much again
             outer, inside = 1.5 * distance[:, -1:], distance
         else:
@@ -139,14 +139,9 @@ class StrainSearch(TangentSearch):
     strain: where the tissue stiffens beyond what the metric expects, the state would never leave its first datum.
     """
 
-    def __init__(self, dataset: Dataset, metric: Metric) -> None:
-        super().__init__(dataset, metric)
-        self._data[:, 6:] = 0.0
-        self._tree = cKDTree(self._data)
-
-    def nearest(self, z: Array) -> tuple[NDArray[np.int64], Array]:
-        """As of :class:`MaterialSearch`; the distance is that of the strain."""
-        return super().nearest(z * np.repeat([1.0, 0.0], 6))  # NaN of the stress stays, and is refused
+    def _seen(self, z: Array) -> Array:
+        """Their strain."""
+        return np.concatenate([z[:, :6], np.zeros_like(z[:, 6:])], axis=1)
 
 
 class SpaceProjection:

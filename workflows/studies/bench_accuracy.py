@@ -186,18 +186,23 @@ def _rows(case: Case, scene: Scene, dns: Path, *, parts: bool) -> list[dict[str,
 
 def _adaptive(case: Case, scene: Scene) -> dd.AdaptiveResult:
     """Adaptive data from nothing, with default numbers."""
-    spec = rve_of(case.tissue, None)
-    problem = scene.problem(MPI.COMM_SELF, case.tissue, spec)
-    parts = [dd.Material(source=source_for(scene, one, problem)) for one in specs_of(spec, problem)]
+    problem, specs = _problem(case, scene)
+    parts = [dd.Material(source=source_for(scene, one, problem)) for one in specs]
     return dd.AdaptiveMethod().prepare(problem, in_parts(parts)).solve()
 
 
 def _fe2(case: Case, scene: Scene) -> dd.Solution:
     """The same with an RVE at every quadrature point."""
-    spec = RVESpec(case.tissue, free=())
-    problem = scene.problem(MPI.COMM_SELF, case.tissue, spec)
-    parts = [dd.Material(law=RVELaw(one.build())) for one in specs_of(spec, problem)]
+    problem, specs = _problem(case, scene)
+    parts = [dd.Material(law=RVELaw(one.build())) for one in specs]
     return dd.LawMethod().prepare(problem, in_parts(parts)).solve()
+
+
+def _problem(case: Case, scene: Scene) -> tuple[dd.Problem, tuple[RVESpec, ...]]:
+    """The problem, and the RVE of each of its regions."""
+    inside = rve_of(case.tissue, None)
+    problem = scene.problem(MPI.COMM_SELF, case.tissue, inside)
+    return problem, specs_of(inside, problem)
 
 
 def _grid(midpoint: Array, case: Case) -> NDArray[np.int64]:
