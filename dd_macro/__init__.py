@@ -33,8 +33,9 @@ from dd_macro.results.write import write_solution
 from dd_macro.scene.boundary import Displacement
 from dd_macro.scene.enhanced import EnhancedGradientOperator, EnhancedStrainOperator
 from dd_macro.scene.kinematics import FiniteStrain
-from dd_macro.scene.loads import Load, Traction
+from dd_macro.scene.loads import BodyForce, Load, Traction
 from dd_macro.scene.mesh import SIDES, TaggedMesh, box, read_msh
+from dd_macro.scene.pressure import Pressure
 from dd_macro.scene.problem import Problem
 from dd_macro.scene.regions import INSIDE, Place, Regions, edge_regions
 from dd_macro.scene.spaces import GradientOperator, StrainOperator, TangentMatrix
@@ -49,6 +50,7 @@ __all__ = [
     "AdaptiveMethod",
     "AdaptiveResult",
     "BlockStress",
+    "BodyForce",
     "Comparison",
     "DataDrivenResult",
     "DataMethod",
@@ -78,6 +80,7 @@ __all__ = [
     "PolynomialEnergy",
     "Prepared",
     "PreparedData",
+    "Pressure",
     "Problem",
     "Projection",
     "QuadratureFields",

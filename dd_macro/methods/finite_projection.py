@@ -78,7 +78,7 @@ class FiniteProjection(Projection):
             )
         self._rotation = R
         data = found.turned(U, stress)
-        eta = self._linear.solve(self.problem.forces - op.force(data))
+        eta = self._linear.solve(self.problem.forces_at(u) - op.force(data))
         return _state(u, eta, found, data + op.strain(eta) @ C)
 
     def elastic(self) -> FiniteState:

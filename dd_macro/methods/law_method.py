@@ -59,8 +59,10 @@ class PreparedLaw:
     text: str = ""
     seconds_metric: float = 0.0
 
-    def solve(self, start: MechanicalState | None = None, watch: Watch = SILENT) -> ReferenceResult:
-        """The solution; it starts at rest, whatever ``start`` is."""
+    def solve(
+        self, start: MechanicalState | None = None, watch: Watch = SILENT, *, start_factor: float = 0.0
+    ) -> ReferenceResult:
+        """The solution, from rest, or from ``start`` that is in equilibrium under the part ``start_factor``."""
         begin = time.perf_counter()
 
         def progress(it: NewtonIteration) -> None:
@@ -68,5 +70,8 @@ class PreparedLaw:
             watch.say(f"load {it.load:.4g}, step {it.step:.4g}: residual {it.residual:.2e}, {seconds:.0f} s")
 
         method = self.method
-        result = equilibrium(self.problem, self.law, steps=method.steps, options=method.options, progress=progress)
+        given = None if start is None or start_factor == 0.0 else (start_factor, start.u)
+        result = equilibrium(
+            self.problem, self.law, steps=method.steps, start=given, options=method.options, progress=progress
+        )
         return replace(result, dataset=self.dataset)

@@ -72,10 +72,13 @@ def equilibrium(
     law: Law,
     *,
     steps: int = 1,
+    start: tuple[float, Array] | None = None,
     options: ReferenceOptions | None = None,
     progress: Callable[[NewtonIteration], None] | None = None,
 ) -> ReferenceResult:
     """Equilibrium of the body whose material is ``law``, the load applied in ``steps`` equal parts.
+
+    ``start`` is the part of the load at which the unknowns u (in m) are in equilibrium; at rest if None.
 
     The law is called on every rank with the strains of that rank's quadrature points, always in the same order; it
     may raise ConvergenceError, on one rank alone too. The linear solver is dd_macro.scene.linear.LinearSolver, its
@@ -89,11 +92,14 @@ def equilibrium(
         raise InputError(f"steps: expected at least 1, got {steps}")
     scene = _Newton(problem, law, options or ReferenceOptions())
     scene.progress = progress
-    load, size, load_steps, cuts = 0.0, 1.0 / steps, 0, 0
+    goal_load, problem = problem.factor, scene.problem
+    load, u = (0.0, np.zeros(problem.operator.owned_dofs)) if start is None else start
+    begin, done, size, load_steps, cuts = load, 0.0, 1.0 / steps, 0, 0
     try:
-        state = scene.evaluate(np.zeros(problem.operator.owned_dofs), load)
-        while load < 1.0 - 1e-12:
-            goal = min(load + size, 1.0)
+        state = scene.evaluate(u, load)
+        while done < 1.0 - 1e-12:
+            part = min(done + size, 1.0)
+            goal = begin + part * (goal_load - begin)
             try:
                 state = scene.advance(state, goal)
             except ConvergenceError:
@@ -102,14 +108,14 @@ def equilibrium(
                     raise
                 _log.info("load step to %.4g: cut", goal)
                 continue
-            load, load_steps = goal, load_steps + 1
+            load, done, load_steps = goal, part, load_steps + 1
     except ConvergenceError as error:
         raise ConvergenceError(f"Newton's method, from load {load:.4g}: {error}", scene.history) from None
     z = state_on(state.u, state.found, state.stress)
     points = len(z.strain)
     support = law.support(z.strain) if isinstance(law, RegionalLaw) else None
     return ReferenceResult(
-        problem=problem,
+        problem=problem.at(goal_load),
         metric=None,
         mechanical=z,
         material_strain=z.strain,
@@ -121,7 +127,7 @@ def equilibrium(
         converged=True,
         reason="a law at every point",
         tangent=state.tangent,
-        reactions={c.side: problem.support_force(c.side, state.out_of_balance) for c in problem.supports},
+        reactions={c.name: problem.support_force(c.side, state.out_of_balance) for c in problem.supports},
         residual=state.residual,
         iterations=len(scene.history),
         load_steps=load_steps,
@@ -135,7 +141,7 @@ class _Newton:
     """What stays during the iteration: the problem, the matrix and its solver, the history."""
 
     def __init__(self, problem: Problem, law: Law, options: ReferenceOptions) -> None:
-        self.problem, self.law, self.options = problem, law, options
+        self.problem, self.law, self.options = problem.at(1.0), law, options
         self.operator = problem.operator
         self.matrix = problem.operator.stiffness()
         self._linear: LinearSolver | None = None
@@ -159,7 +165,8 @@ class _Newton:
         jump = (load - state.load) * self.problem.prescribed
         change = np.einsum("nij,nj->ni", tangent, self.operator.strain(jump))
         predicted = state.found.nominal_stress(state.stress) + change
-        step = jump + self.linear.solve(load * self.problem.forces - self.operator.force(predicted))
+        loads = self.problem.at(load).forces_at(state.u)
+        step = jump + self.linear.solve(loads - self.operator.force(predicted))
         state = self._record(self.evaluate(state.u + step, load), 1.0)
         for _ in range(self.options.max_iterations):
             if state.residual <= self.options.tolerance:
@@ -194,7 +201,7 @@ class _Newton:
         first = op.comm.allreduce(op.comm.size if message is None else op.comm.rank, op=MPI.MIN)
         if first < op.comm.size:
             raise ConvergenceError(f"the law fails at load {load:.4g}: {op.comm.bcast(message, root=first)}")
-        loads = load * self.problem.forces
+        loads = self.problem.at(load).forces_at(u)
         nominal = found.nominal_stress(stress)
         out = op.force(nominal) - loads
         free, held = np.where(self.problem.fixed, 0.0, out), np.where(self.problem.fixed, out, 0.0)
@@ -231,9 +238,9 @@ class _Newton:
     def _factorise(self, state: _State) -> Array:
         """Take the tangent at ``state``, and return its moduli (n, 6, 6) or (n, 9, 9) in Pa."""
         moduli = state.found.nominal_tangent(state.stress, state.tangent)
-        self.matrix.assemble(moduli)
+        self.problem.at(state.load).add_load_stiffness(state.u, self.matrix.assemble(moduli))
         if self._linear is None:
-            self._linear = LinearSolver(self.operator, self.matrix, self.problem.fixed, prefix="ref_", definite=False)
+            self._linear = LinearSolver(self.problem, self.matrix, prefix="ref_", definite=False)
         else:
             self._linear.update()
         return moduli

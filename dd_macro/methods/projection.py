@@ -8,6 +8,7 @@ One matrix, factorised once, serves both.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, Self
@@ -89,8 +90,15 @@ class Projection:
         self.problem, self.operator, self.metric = problem, operator, metric
         self._prescribed_strain = operator.strain(problem.prescribed)
         self._modulus = operator.modulus(metric.C)
-        self._linear = LinearSolver(operator, operator.stiffness(metric.C), problem.fixed, prefix="dd_")
+        self._linear = LinearSolver(problem, operator.stiffness(metric.C), prefix="dd_")
         self.solver = self._linear.name
+
+    def at(self, factor: float) -> Self:
+        """The same with another part of the whole load; no new factorisation."""
+        scaled = copy.copy(self)
+        scaled.problem = self.problem.at(factor)
+        scaled._prescribed_strain = self.operator.strain(scaled.problem.prescribed)
+        return scaled
 
     def project(self, strain: Array, stress: Array) -> MechanicalState:
         """Mechanical state closest to the material state strain (n, 6), stress (n, 6) in Pa.
@@ -114,9 +122,9 @@ class Projection:
         strain = op.strain(u)
         return MechanicalState(u, np.zeros_like(u), strain, strain @ C)
 
-    def residual(self, stress: Array) -> float:
-        """:meth:`dd_macro.Problem.residual` of the stress of the equations."""
-        return self.problem.residual(stress)
+    def residual(self, stress: Array, u: Array | None = None) -> float:
+        """:meth:`dd_macro.Problem.residual` of the stress of the equations, and the unknowns u."""
+        return self.problem.residual(stress, u)
 
     def reaction(self, z: MechanicalState, side: str) -> Array:
         """Force (3,) in N that the supports of ``side`` exert on the body.
@@ -124,7 +132,7 @@ class Projection:
         Raises:
             InputError: no such side.
         """
-        return self.problem.support_force(side, self.problem.out_of_balance(z.nominal_stress))
+        return self.problem.support_force(side, self.problem.out_of_balance(z.nominal_stress, z.u))
 
 
 class State(Protocol):

@@ -155,11 +155,11 @@ class LocalTangentStep:
         scene, op = self.record.projection, self.record.projection.operator
         near = SpaceProjection(spaces, scene.metric).closest(z.strain, z.stress)
         distance = self.record.size(z.strain - near[0], z.stress - near[1])
-        linear = self._factorise(spaces.tangent)
+        linear = self._factorise(spaces.tangent, z.u)
         u, strain, left = z.u, z.strain, np.inf
         for correction in range(_CORRECTIONS):
             stress = spaces.stress + np.einsum("nij,nj->ni", spaces.tangent, strain - spaces.strain)
-            residual = scene.residual(stress)
+            residual = scene.residual(stress, u)
             if correction > 0 and residual <= _BALANCE:
                 self.record.add(distance, changed, search, clock)
                 return MechanicalState(u, np.zeros_like(u), strain, stress)
@@ -173,14 +173,12 @@ class LocalTangentStep:
             "matrix is near singular, or the tangents are far from symmetric"
         )
 
-    def _factorise(self, tangent: Array) -> LinearSolver:
-        """The solver of the symmetric part of the moduli ``tangent`` (n, 6, 6) or (n, 9, 9)."""
-        self._matrix.assemble(0.5 * (tangent + tangent.swapaxes(1, 2)))
+    def _factorise(self, tangent: Array, u: Array) -> LinearSolver:
+        """The solver of the symmetric part of the moduli ``tangent`` (n, 6, 6) or (n, 9, 9), and of the loads at u."""
+        problem = self.record.projection.problem
+        problem.add_load_stiffness(u, self._matrix.assemble(0.5 * (tangent + tangent.swapaxes(1, 2))))
         if self._linear is None:
-            scene = self.record.projection
-            self._linear = LinearSolver(
-                scene.operator, self._matrix, scene.problem.fixed, prefix="dd_tangent_", definite=False
-            )
+            self._linear = LinearSolver(problem, self._matrix, prefix="dd_tangent_", definite=False)
         else:
             self._linear.update()
         return self._linear
@@ -210,8 +208,8 @@ class FiniteTangentStep(LocalTangentStep):
         for _ in range(_CORRECTIONS):
             if final and residual <= _BALANCE:
                 return state
-            linear = self._factorise(found.nominal_tangent(state.stress, spaces.tangent))
-            step = linear.solve(scene.problem.forces - scene.operator.force(state.nominal_stress))
+            linear = self._factorise(found.nominal_tangent(state.stress, spaces.tangent), state.u)
+            step = linear.solve(-scene.problem.out_of_balance(state.nominal_stress, state.u))
             for part in 0.5 ** np.arange(_HALVINGS):
                 trial, found, out = self._on(spaces, state.u + part * step)
                 if out <= (1 - 1e-4 * part) * residual or out <= _BALANCE:
@@ -236,5 +234,5 @@ class FiniteTangentStep(LocalTangentStep):
         found = self._last[1]
         stress = spaces.stress + np.einsum("nij,nj->ni", spaces.tangent, found.strain - spaces.strain)
         state = state_on(u, found, stress)
-        residual = scene.residual(state.nominal_stress)
+        residual = scene.residual(state.nominal_stress, u)
         return state, found, np.inf if scene.operator.comm.allreduce(found.inside_out, MPI.LOR) else residual

@@ -58,7 +58,9 @@ class Solution:
         Raises:
             InputError: no such side.
         """
-        return self.problem.support_force(side, self.problem.out_of_balance(self.mechanical.nominal_stress))
+        return self.problem.support_force(
+            side, self.problem.out_of_balance(self.mechanical.nominal_stress, self.mechanical.u)
+        )
 
     def figures(self) -> dict[str, tuple[Any, str]]:
         """Numbers of the solution for a summary, each with its unit; collective."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import dolfinx
 import numpy as np
@@ -14,32 +15,44 @@ from dd_macro.parallel import check_everywhere, total
 from dd_macro.scene.spaces import StrainOperator
 from tsg_micro.data.errors import InputError
 
-__all__ = ["Displacement", "prescribed_displacement", "side_dofs"]
+__all__ = ["Displacement", "free_motions", "prescribed_displacement", "side_dofs"]
 
 Array = NDArray[np.float64]
+_FREE = 1e-9
+"""Of the trace: an eigenvalue of the rigid motions' Gram matrix that is none."""
 
 
 @dataclass(frozen=True)
 class Displacement:
     """Prescribed displacement in m of the nodes of a side, all of them or those ``where`` says so.
 
-    ``value`` has one number per entry of ``components``, or is a function of coordinates (nodes, 3) in m that
-    gives (nodes, len(components)); ``where`` is one that gives a mask (nodes,). Where two sides meet, the condition
-    given later counts.
+    Several sides are the nodes that are on all of them: an edge, a point. ``value`` has one number per entry of
+    ``components``, or is a function of coordinates (nodes, 3) in m that gives (nodes, len(components)); ``where`` is
+    one that gives a mask (nodes,). Where two sides meet, the condition given later counts.
     """
 
-    side: str
+    side: str | tuple[str, ...]
     value: Sequence[float] | Callable[[Array], Array] = (0.0, 0.0, 0.0)
     components: tuple[int, ...] = (0, 1, 2)
     where: Callable[[Array], NDArray[np.bool_]] | None = None
 
+    @property
+    def name(self) -> str:
+        """The side, or all of them."""
+        return self.side if isinstance(self.side, str) else " and ".join(self.side)
 
-def side_dofs(operator: StrainOperator, side: str) -> NDArray[np.int64]:
-    """Owned nodes of the side; dof 3 * node + component is one entry of a nodal array.
+
+def side_dofs(operator: StrainOperator, side: str | tuple[str, ...]) -> NDArray[np.int64]:
+    """Owned nodes of the side, or of all these sides; dof 3 * node + component is one entry of a nodal array.
 
     Raises:
-        InputError: no such side, or no facet on it.
+        InputError: no such side, no facet on it, or no node on all of them.
     """
+    if not isinstance(side, str):
+        shared = reduce(np.intersect1d, [side_dofs(operator, one) for one in side])
+        if operator.comm.allreduce(len(shared)) == 0:
+            raise InputError(f"sides of the mesh: expected nodes on all of {', '.join(side)}, got none")
+        return np.asarray(shared, dtype=np.int64)
     domain = operator.domain
     facets = domain.facets(side)
     if domain.comm.allreduce(len(facets)) == 0:
@@ -55,8 +68,8 @@ def prescribed_displacement(
     """Mask and values of the unknowns that are prescribed, displacement components of nodes all.
 
     Raises:
-        InputError: an unknown side, components other than 0, 1, 2, values of another shape or not finite, or
-            conditions that leave a rigid-body motion free.
+        InputError: an unknown side, components other than 0, 1, 2, values of another shape or not finite, or no node
+            where one is said to be.
     """
     fixed = np.zeros((operator.owned_dofs // 3, 3), dtype=bool)
     values = np.zeros_like(fixed, dtype=float)
@@ -65,6 +78,8 @@ def prescribed_displacement(
         nodes, components = side_dofs(operator, condition.side), list(condition.components)
         if condition.where is not None:
             nodes = nodes[condition.where(x[nodes])]
+            if operator.comm.allreduce(len(nodes)) == 0:
+                raise InputError(f"displacement on {condition.side!r}: expected nodes in the part of it, got none")
         if not components or not set(components) <= {0, 1, 2}:
             raise InputError(f"components on {condition.side!r}: expected some of 0, 1, 2, got {condition.components}")
         given = condition.value(x[nodes]) if callable(condition.value) else condition.value
@@ -78,7 +93,6 @@ def prescribed_displacement(
         check_everywhere(operator.comm, message)
         fixed[np.ix_(nodes, components)] = True
         values[np.ix_(nodes, components)] = given
-    _check_held(operator, x, fixed)
     return fixed.reshape(-1), values.reshape(-1)
 
 
@@ -89,20 +103,41 @@ def rigid_modes(x: Array) -> Array:
     return np.concatenate([translations, rotations])
 
 
-def _check_held(operator: StrainOperator, x: Array, fixed: NDArray[np.bool_]) -> None:
-    """Raise InputError, on all ranks, where a connected part of the body is free to move as if rigid."""
+def free_motions(operator: StrainOperator, fixed: NDArray[np.bool_], *, allowed: bool) -> Array:
+    """Rigid motions (k, 3 * nodes) that the mask ``fixed`` of unknowns leaves to connected parts; orthonormal.
+
+    Raises:
+        InputError: there are some and they are not ``allowed``, or a part is not held at all beside others that are.
+    """
+    x = operator.node_coordinates()
     part, cells = _parts(operator)
-    free = 6 - np.linalg.matrix_rank(_rigid_gram(operator, x, fixed, part, len(cells)), tol=1e-9, hermitian=True)
+    away, size = _from_middle(operator, x, part, len(cells))
+    modes = rigid_modes(away / size[part, None])
+    seen = modes * fixed[: x.size].reshape(-1, 3)
+    gram = _by_part(operator, np.einsum("inc,jnc->nij", seen, seen), part, len(cells))
+    gram /= np.maximum(np.trace(gram, axis1=1, axis2=2), 1.0)[:, None, None]
+    values, vectors = np.linalg.eigh(gram)
+    free = (values <= _FREE).sum(axis=1)
     if len(cells) > 1 and (free == 6).any():
         loose = np.sort(cells[free == 6])
         parts = ", ".join(f"a part of {n} cell{'s' * int(n > 1)}" for n in loose[:5])
         raise InputError(
             f"mesh: expected every connected part to be held, {parts} is not ({len(loose)} of {len(cells)})"
         )
-    if free.any():
+    if free.any() and not allowed:
         raise InputError(
-            f"boundary conditions: expected no rigid-body motion left free, got {free.max()} of 6; fix more components"
+            f"boundary conditions: expected no rigid-body motion left free, got {free.max()} of 6; fix more "
+            "components, or hold the mean of a body that is free in space"
         )
+    found = [np.zeros((0, x.size))]
+    for k in range(len(cells)):
+        mode = np.einsum("ij,inc->jnc", vectors[k][:, : free[k]], modes) * (part == k)[:, None]
+        found.append(mode.reshape(free[k], x.size))
+    motions = np.concatenate(found)
+    if len(motions):
+        lower = np.linalg.cholesky(total(operator.comm, motions @ motions.T))
+        motions = np.linalg.solve(lower, motions)
+    return motions
 
 
 def _parts(operator: StrainOperator) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -119,19 +154,15 @@ def _parts(operator: StrainOperator) -> tuple[NDArray[np.int64], NDArray[np.int6
     return part, total(domain.comm, cells).astype(np.int64)
 
 
-def _rigid_gram(
-    operator: StrainOperator, x: Array, fixed: NDArray[np.bool_], part: NDArray[np.int64], parts: int
-) -> Array:
-    """Gram matrices (parts, 6, 6) of each part's rigid motions as its prescribed components see them, of size 1."""
+def _by_part(operator: StrainOperator, values: Array, part: NDArray[np.int64], parts: int) -> Array:
+    """Sums (parts, ...) over all ranks of values (nodes, ...) of owned nodes."""
+    summed = np.zeros((parts, *values.shape[1:]))
+    np.add.at(summed, part, values)
+    return total(operator.comm, summed)
 
-    def by_part(values: Array) -> Array:
-        summed = np.zeros((parts, *values.shape[1:]))
-        np.add.at(summed, part, values)
-        return total(operator.comm, summed)
 
-    count = np.maximum(by_part(np.ones(len(x))), 1.0)
-    away = x - (by_part(x) / count[:, None])[part]
-    away /= np.sqrt(by_part((away**2).sum(axis=1)) / count)[part, None]
-    modes = rigid_modes(away) * fixed[: len(x)]
-    gram = by_part(np.einsum("inc,jnc->nij", modes, modes))
-    return np.asarray(gram / np.maximum(np.trace(gram, axis1=1, axis2=2), 1.0)[:, None, None])
+def _from_middle(operator: StrainOperator, x: Array, part: NDArray[np.int64], parts: int) -> tuple[Array, Array]:
+    """Nodes x (nodes, 3) seen from the middle of their part, and the radius of gyration (parts,) of each."""
+    count = np.maximum(_by_part(operator, np.ones(len(x)), part, parts), 1.0)
+    away = x - (_by_part(operator, x, part, parts) / count[:, None])[part]
+    return away, np.sqrt(_by_part(operator, (away**2).sum(axis=1), part, parts) / count)

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dd_macro.scene.problem import Problem
+from dd_macro.scene.rigid import SHIFT, HeldMean
 from dd_macro.scene.spaces import Stiffness, StrainOperator
 from tsg_micro.data.errors import ConvergenceError
 
@@ -27,9 +29,8 @@ class LinearSolver:
     """The solver of one stiffness, whose values may change.
 
     Args:
-        operator: mesh and space.
+        problem: mesh, space, what is prescribed, and the rigid motions that are held in the mean.
         stiffness: with an assembled matrix, in which rows and columns of prescribed components are replaced.
-        fixed: mask of the unknowns that are prescribed, nodal components all.
         prefix: of its PETSc options.
         definite: K is positive definite, so Cholesky will do; if not, a factorisation is LDL^T (MUMPS).
 
@@ -41,15 +42,18 @@ class LinearSolver:
 
     def __init__(
         self,
-        operator: StrainOperator,
+        problem: Problem,
         stiffness: Stiffness,
-        fixed: NDArray[np.bool_],
         *,
         prefix: str,
         definite: bool = True,
     ) -> None:
         K = self.matrix = stiffness.matrix
+        self._comm = problem.operator.comm
+        operator, fixed = problem.operator, problem.fixed
         self._stiffness, self._fixed = stiffness, fixed[: 3 * operator.owned_nodes]
+        self._motions = problem.motions
+        self._mean: HeldMean | None = None
         self._rows = (np.flatnonzero(fixed) + K.getOwnershipRange()[0]).astype(PETSc.IntType)
         self._kind = PETSc.Mat.Option.SPD if definite else PETSc.Mat.Option.SYMMETRIC
         self._x, self._b = K.createVecs()
@@ -74,7 +78,10 @@ class LinearSolver:
             ConvergenceError: the factorisation fails.
         """
         K, ksp = self.matrix, self._ksp
-        K.zeroRowsColumns(self._rows, diag=abs(K.getDiagonal()).sum() / K.getSize()[0])
+        mean = abs(K.getDiagonal()).sum() / K.getSize()[0]
+        K.zeroRowsColumns(self._rows, diag=mean)
+        if len(self._motions):
+            K.shift(SHIFT * mean)
         K.setOption(self._kind, True)  # new values have made PETSc forget it
         ksp.setOperators(K)  # or PETSc would put the factorisation off to the next solve
         try:
@@ -83,6 +90,10 @@ class LinearSolver:
             raise ConvergenceError(
                 f"linear solver {ksp.getType()} + {ksp.getPC().getType()}: set-up failed ({error})"
             ) from None
+        if len(self._motions):
+            self._mean = HeldMean(
+                self._comm, self._motions, solve=self._solved, product=self._product, shift=SHIFT * mean
+            )
 
     def solve(self, right_side: Array) -> Array:
         """The unknowns for the forces ``right_side`` on them, whose prescribed components do not count.
@@ -90,7 +101,13 @@ class LinearSolver:
         Raises:
             ConvergenceError: the solver fails, or its solution does not solve the system.
         """
-        self._b.array[:] = np.where(self._fixed, 0.0, self._stiffness.condense(right_side))
+        nodal = np.where(self._fixed, 0.0, self._stiffness.condense(right_side))
+        x = self._solved(nodal) if self._mean is None else self._mean.solve(nodal)
+        return self._stiffness.expand(np.where(self._fixed, 0.0, x), right_side)
+
+    def _solved(self, b: Array) -> Array:
+        """K^-1 b (3 * nodes,)."""
+        self._b.array[:] = b
         try:
             self._ksp.solve(self._b, self._x)
         except PETSc.Error:
@@ -100,7 +117,13 @@ class LinearSolver:
                 f"PETSc reason {reason}"
             ) from None
         self._check_residual()
-        return self._stiffness.expand(np.where(self._fixed, 0.0, self._x.array), right_side)
+        return np.array(self._x.array)
+
+    def _product(self, x: Array) -> Array:
+        """K x (3 * nodes,)."""
+        self._x.array[:] = x
+        self.matrix.mult(self._x, self._r)
+        return np.array(self._r.array)
 
     def _check_residual(self) -> None:
         """Raise ConvergenceError, on all ranks, where K x is not b: options may ask for what solves nothing."""

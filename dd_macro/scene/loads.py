@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
-import dolfinx
-import dolfinx.fem.petsc
 import numpy as np
-import ufl
 from numpy.typing import NDArray
-from petsc4py import PETSc
 
-from dd_macro.compat import compile_form
+from dd_macro.parallel import check_everywhere
+from dd_macro.scene.facets import SideFacets, add_at_nodes
 from dd_macro.scene.spaces import StrainOperator
-from tsg_micro.data.errors import InputError
 
-__all__ = ["Load", "Traction", "nodal_forces"]
+__all__ = ["BodyForce", "Load", "Traction", "nodal_forces", "three_at"]
 
 Array = NDArray[np.float64]
+Value = tuple[float, float, float] | Callable[[Array], Array]
+"""Three numbers, or a function of coordinates (k, 3) in m that gives (k, 3)."""
 
 
 class Load(Protocol):
@@ -35,10 +33,10 @@ class Load(Protocol):
 
 @dataclass(frozen=True)
 class Traction:
-    """Dead traction (3,) in Pa on a side."""
+    """Dead traction in Pa on a side, per area at rest."""
 
     side: str
-    value: tuple[float, float, float]
+    value: Value
 
     def nodal_forces(self, operator: StrainOperator) -> Array:
         """Consistent nodal forces (3 * nodes,) in N.
@@ -46,21 +44,58 @@ class Traction:
         Raises:
             InputError: an unknown side, one without outer facets, or a value that is not three finite numbers.
         """
-        mesh, facets = operator.domain.mesh, operator.domain.facets(self.side)
-        value = np.asarray(self.value, dtype=float)
-        if value.shape != (3,) or not np.isfinite(value).all():
-            raise InputError(f"traction on {self.side!r}: expected three finite numbers in Pa, got {self.value}")
-        mesh.topology.create_connectivity(2, 3)
-        outer = np.isin(facets, dolfinx.mesh.exterior_facet_indices(mesh.topology)).sum()
-        if operator.comm.allreduce(int(outer)) == 0:
-            raise InputError(f"traction on {self.side!r}: expected outer facets of the mesh, got none")
-        # always tag 1, so that one compiled kernel serves every side
-        tags = dolfinx.mesh.meshtags(mesh, 2, np.sort(facets), np.ones(len(facets), dtype=np.int32))
-        ds = ufl.Measure("ds", mesh, subdomain_data=tags)
-        v = ufl.TestFunction(operator.displacements)
-        b = dolfinx.fem.petsc.assemble_vector(compile_form(ufl.inner(dolfinx.fem.Constant(mesh, value), v) * ds(1)))
-        b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        return np.array(b.array, dtype=float)
+        facets = SideFacets(operator, self.side)
+        value = three_at(operator, facets.points, self.value, f"traction on {self.side!r}", "Pa")
+        return facets.nodal(value * np.linalg.norm(facets.areas, axis=-1, keepdims=True))
+
+
+@dataclass(frozen=True)
+class BodyForce:
+    """Dead force in N/m^3 at rest in a region of the mesh, or in all of it."""
+
+    value: Value
+    region: str | None = None
+
+    def nodal_forces(self, operator: StrainOperator) -> Array:
+        """Consistent nodal forces (3 * nodes,) in N.
+
+        Raises:
+            InputError: an unknown region, or a value that is not three finite numbers.
+        """
+        domain, nq = operator.domain, operator.points_per_cell
+        cells = np.arange(domain.owned_cells) if self.region is None else domain.cells_of(self.region)
+        points = operator.points.reshape(-1, nq, 3)[cells]
+        value = three_at(operator, points, self.value, "body force", "N/m^3")
+        force = value * operator.weights.reshape(-1, nq)[cells][..., None]
+        shape = operator.displacements.element.basix_element.tabulate(0, operator.reference_points)[0, :, :, 0]
+        dofs = operator.displacements.dofmap.list[cells].astype(np.int64)
+        return add_at_nodes(operator, dofs, np.einsum("qk,cqi->cki", shape, force))
+
+
+def three_at(operator: StrainOperator, x: Array, value: Value, what: str, unit: str) -> Array:
+    """The value, three numbers at all points x (..., 3); collective.
+
+    Raises:
+        InputError: on all ranks, where it is not three finite numbers at each.
+    """
+    found, message = np.zeros_like(x), None
+    given = value(x.reshape(-1, 3)) if callable(value) and x.size else np.zeros((0, 3)) if callable(value) else value
+    try:
+        array = np.asarray(given, dtype=float)
+        expected = (x.size // 3, 3) if callable(value) else (3,)
+        if array.shape != expected or not np.isfinite(array).all():
+            message = f"{what}: expected three finite numbers in {unit}, got {_short(given)}"
+        else:
+            found = np.broadcast_to(array.reshape(x.shape) if callable(value) else array, x.shape)
+    except (TypeError, ValueError):
+        message = f"{what}: expected three finite numbers in {unit}, got {_short(given)}"
+    check_everywhere(operator.comm, message)
+    return found
+
+
+def _short(given: object) -> str:
+    array = np.asarray(given, dtype=object)
+    return f"{given}" if array.size <= 4 else f"an array of shape {array.shape}, or NaN or infinity in it"
 
 
 def nodal_forces(operator: StrainOperator, loads: Iterable[Load]) -> Array:

@@ -66,6 +66,18 @@ class TaggedMesh:
         tags = (self.names[name], *self.shared.get(name, ()))
         return np.sort(np.concatenate([self.facet_tags.find(tag) for tag in tags]))
 
+    def cells_of(self, region: str) -> NDArray[np.int64]:
+        """Owned cells of the named volume ``region``.
+
+        Raises:
+            InputError: there is no such region.
+        """
+        if region not in self.regions:
+            known = ", ".join(sorted(self.regions)) or "none, the mesh has no named volumes"
+            raise InputError(f"region of the mesh: expected one of {known}, got {region!r}")
+        cells = self.regions[region]
+        return cells[cells < self.owned_cells].astype(np.int64)
+
     def extent(self, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Least, largest and mean coordinates (3,) in m of the side's corners; collective.
 

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
 from dd_macro.parallel import total
-from dd_macro.scene.boundary import Displacement, prescribed_displacement, side_dofs
+from dd_macro.scene.boundary import Displacement, free_motions, prescribed_displacement, side_dofs
 from dd_macro.scene.loads import Load, nodal_forces
+from dd_macro.scene.pressure import Following
 from dd_macro.scene.regions import Regions
 from dd_macro.scene.spaces import StrainOperator
+from tsg_micro.data.errors import InputError
 
 __all__ = ["Problem"]
 
 Array = NDArray[np.float64]
+_BALANCED = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,10 +29,14 @@ class Problem:
     """Mesh and spaces, what is held, and what pulls; checked when made, which is collective.
 
     ``fixed`` is the mask of the prescribed displacement components, ``prescribed`` their values in m, and ``forces`` in
-    N the f of the equations, all of the unknowns that this rank owns: (3 * nodes,), or more (EnhancedStrainOperator).
+    N the f of the equations at rest, all of the unknowns that this rank owns: (3 * nodes,), or more
+    (EnhancedStrainOperator); they are of the part ``factor`` of the load. Loads that follow the body (Following) do so
+    where strain is finite. ``free`` bodies have the rigid motions that their supports leave, ``motions``
+    (k, 3 * nodes), held in the mean; their loads must be in balance.
 
     Raises:
-        InputError: on construction, where supports or loads are not valid, or leave a rigid-body motion free.
+        InputError: on construction, where supports or loads are not valid, a rigid-body motion is left that is not
+            ``free``, or the loads of a free body are not in balance.
     """
 
     operator: StrainOperator
@@ -35,16 +44,65 @@ class Problem:
     loads: Sequence[Load] = ()
     regions: Regions | None = None
     """Of cells whose material differs; None where it is one."""
+    free: bool = False
+    factor: float = field(init=False, default=1.0)
     fixed: NDArray[np.bool_] = field(init=False, repr=False)
     prescribed: Array = field(init=False, repr=False)
     forces: Array = field(init=False, repr=False)
+    motions: Array = field(init=False, repr=False)
+    whole: Problem | None = field(init=False, repr=False, default=None)
+    """That under the whole load; None where it is this one."""
 
     def __post_init__(self) -> None:
         fixed, prescribed = prescribed_displacement(self.operator, self.supports)
-        found = {"fixed": fixed, "prescribed": prescribed, "forces": nodal_forces(self.operator, self.loads)}
+        motions = free_motions(self.operator, fixed, allowed=self.free)
+        forces = nodal_forces(self.operator, self.loads)
+        if len(motions):
+            _check_balance(self.operator, motions, forces)
+        found = {"fixed": fixed, "prescribed": prescribed, "forces": forces, "motions": motions}
         for name, array in found.items():
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+
+    def at(self, factor: float) -> Problem:
+        """The same under the part ``factor`` of the whole load."""
+        whole = self.whole or self
+        if factor == 1.0:
+            return whole
+        scaled = copy.copy(whole)
+        parts = {"prescribed": factor * whole.prescribed, "forces": factor * whole.forces}
+        for name, value in {"factor": factor, "whole": whole, **parts}.items():
+            object.__setattr__(scaled, name, value)
+        return scaled
+
+    @property
+    def following(self) -> tuple[Following, ...]:
+        """The loads whose forces depend on the displacement."""
+        if self.operator.theory == "small":
+            return ()
+        return tuple(load for load in self.loads if isinstance(load, Following))
+
+    def forces_at(self, u: Array) -> Array:
+        """f in N of the unknowns where these are u, in m; collective."""
+        following = self.following
+        if not following:
+            return self.forces
+        forces = np.array(self.forces)
+        nodal = forces[: 3 * self.operator.owned_nodes]
+        for load in following:
+            nodal += self.factor * (load.forces_at(self.operator, u) - self._at_rest(load))
+        return forces
+
+    def add_load_stiffness(self, u: Array, matrix: PETSc.Mat) -> None:
+        """Add minus the derivative of the forces by u to the assembled nodal ``matrix``; collective."""
+        following = self.following
+        for load in following:
+            load.add_stiffness(self.operator, u, matrix, self.factor)
+        if following:
+            matrix.assemble()
+
+    def _at_rest(self, load: Following) -> Array:
+        return load.forces_at(self.operator, np.zeros(3 * self.operator.owned_nodes))
 
     @property
     def region_of_points(self) -> NDArray[np.int64]:
@@ -53,21 +111,41 @@ class Problem:
             return np.zeros(len(self.operator.weights), dtype=np.int64)
         return self.regions.points(self.operator.points_per_cell)
 
-    def out_of_balance(self, stress: Array) -> Array:
-        """Internal minus external forces in N on the unknowns, of the stress of the equations, (n, 6) or (n, 9)."""
-        return self.operator.force(stress) - self.forces
+    def out_of_balance(self, stress: Array, u: Array | None = None) -> Array:
+        """Internal minus external forces in N on the unknowns, of the stress of the equations, (n, 6) or (n, 9).
 
-    def residual(self, stress: Array) -> float:
-        """Norm of the out-of-balance force on the free components, relative to that of all nodal forces."""
-        force = self.operator.force(stress)
-        out = np.where(self.fixed, 0.0, force - self.forces)
-        squares = total(self.operator.comm, [out @ out, force @ force + self.forces @ self.forces])
+        Loads that follow the body are where u (of all unknowns, in m) has moved them, at rest if None.
+        """
+        return self.operator.force(stress) - (self.forces if u is None else self.forces_at(u))
+
+    def residual(self, stress: Array, u: Array | None = None) -> float:
+        """Norm of :meth:`out_of_balance` on the free components, relative to that of all nodal forces."""
+        force, loads = self.operator.force(stress), self.forces if u is None else self.forces_at(u)
+        out = np.where(self.fixed, 0.0, force - loads)
+        squares = total(self.operator.comm, [out @ out, force @ force + loads @ loads])
         return float(np.sqrt(squares[0] / squares[1])) if squares[1] != 0 else 0.0
 
-    def support_force(self, side: str, out_of_balance: Array) -> Array:
+    def support_force(self, side: str | tuple[str, ...], out_of_balance: Array) -> Array:
         """Force (3,) in N that the supports of ``side`` exert on the body.
 
         Raises:
             InputError: no such side.
         """
-        return total(self.operator.comm, out_of_balance.reshape(-1, 3)[side_dofs(self.operator, side)].sum(axis=0))
+        nodal = out_of_balance[: 3 * self.operator.owned_nodes].reshape(-1, 3)
+        return total(self.operator.comm, nodal[side_dofs(self.operator, side)].sum(axis=0))
+
+
+def _check_balance(operator: StrainOperator, motions: Array, forces: Array) -> None:
+    """Raise InputError, on all ranks, where forces do work on the free rigid motions."""
+    nodal = forces[: 3 * operator.owned_nodes]
+    work = total(operator.comm, np.append(motions @ nodal, nodal @ nodal))
+    if np.linalg.norm(work[:-1]) > _BALANCED * np.sqrt(work[-1]):
+        x = operator.node_coordinates()
+        each = nodal.reshape(-1, 3)
+        force = total(operator.comm, each.sum(axis=0))
+        moment = total(operator.comm, np.cross(x, each).sum(axis=0))
+        numbers = " ".join(f"{value:.3g}" for value in force), " ".join(f"{value:.3g}" for value in moment)
+        raise InputError(
+            "loads: expected some in balance on a body that is free in space, got a resultant of "
+            f"({numbers[0]}) N and a moment of ({numbers[1]}) N m; hold a side of it"
+        )

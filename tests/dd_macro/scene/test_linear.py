@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from petsc4py import PETSc
 
-from dd_macro import StrainOperator, box, isotropic
+from dd_macro import Displacement, Problem, StrainOperator, box, isotropic
 from dd_macro.parallel import total
-from dd_macro.scene.boundary import Displacement, prescribed_displacement
 from dd_macro.scene.linear import LinearSolver
 from tsg_micro.data.errors import ConvergenceError
 
@@ -32,9 +31,9 @@ def options():
 
 def make(comm, *, thickness=1e-5):
     operator = StrainOperator(box(comm, elements=(4, 3, 2), size=(4e-5, 3e-5, thickness)))
-    fixed, _ = prescribed_displacement(operator, [Displacement("bottom")])
+    problem = Problem(operator, [Displacement("bottom")])
     stiffness = operator.stiffness(isotropic(young=1e3, poisson=0.3).C)
-    return operator, LinearSolver(operator, stiffness, fixed, prefix="test_")
+    return operator, LinearSolver(problem, stiffness, prefix="test_")
 
 
 def right_side(operator):

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import meshes
-from dd_macro import Displacement, StrainOperator, box, read_msh
+from dd_macro import Displacement, Problem, StrainOperator, box, read_msh
 from dd_macro.compat import geometry_nodes
 from dd_macro.parallel import total
 from dd_macro.results.quadrature_file import VTK_CORNERS
-from dd_macro.scene.boundary import prescribed_displacement, side_dofs
+from dd_macro.scene.boundary import side_dofs
 from dd_macro.scene.hexahedra import hexahedra
 from dd_macro.scene.msh import read_msh_file
 from tsg_micro.data.errors import InputError
@@ -130,14 +130,14 @@ def test_parts_that_touch_without_coincident_nodes_or_at_an_edge(cubes):
 def test_every_part_must_be_held(comm, cubes):
     conditions = [Displacement("bottom"), Displacement("top")]
     with pytest.raises(InputError, match=r"connected part to be held, a part of 1 cell is not \(1 of 2\)"):
-        prescribed_displacement(StrainOperator(read_msh(CASES / "island.msh", comm)), conditions)
+        Problem(StrainOperator(read_msh(CASES / "island.msh", comm)), conditions)
     strips = [*COLUMN, (3, 0, 0), (3, 1, 0), (6, 0, 0), (6, 1, 0)]
     held = [*ENDS, (1, 0, "bottom"), (1, 3, "bottom")]
-    fixed, _ = prescribed_displacement(StrainOperator(cubes(strips, sides=held)), conditions)
+    fixed = Problem(StrainOperator(cubes(strips, sides=held)), conditions).fixed
     assert comm.allreduce(int(fixed.sum())) == 3 * 12
     rollers = [Displacement("bottom"), Displacement("top", (0.0,), (1,))]
     with pytest.raises(InputError, match="no rigid-body motion left free, got 3 of 6"):
-        prescribed_displacement(StrainOperator(cubes(strips, sides=held)), rollers)
+        Problem(StrainOperator(cubes(strips, sides=held)), rollers)
 
 
 def test_cells_get_positive_volume(comm, cubes):
