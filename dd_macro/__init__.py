@@ -39,6 +39,7 @@ from dd_macro.scene.pressure import Pressure
 from dd_macro.scene.problem import Problem
 from dd_macro.scene.regions import INSIDE, Place, Regions, edge_regions
 from dd_macro.scene.spaces import GradientOperator, StrainOperator, TangentMatrix
+from dd_macro.scene.voxels import voxel_mesh
 
 __all__ = [
     "INSIDE",
@@ -123,6 +124,7 @@ __all__ = [
     "solve_law",
     "solve_second_order",
     "visited_tangent",
+    "voxel_mesh",
     "write_quadrature",
     "write_solution",
     "write_vtkhdf",

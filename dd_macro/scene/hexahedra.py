@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from dd_macro.scene.msh import Block, MshFile
 from tsg_micro.data.errors import InputError
 
-__all__ = ["Hexahedra", "hexahedra"]
+__all__ = ["Hexahedra", "connected_parts", "hexahedra"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -66,7 +66,8 @@ def hexahedra(file: MshFile, *, unit: float = 1.0, merge_nodes: bool = False) ->
             ", ".join(sorted(_SOLIDS.get(k, f"gmsh type {k}") for k in kinds))
             or "no solid cells (a file with named surfaces holds only solids that are in a physical volume)"
         )
-        raise InputError(f"expected 8-node hexahedra only, got {found}")
+        remedy = "; 'tsgdd mesh voxels' makes hexahedra of a closed surface" * bool(kinds)
+        raise InputError(f"expected 8-node hexahedra only, got {found}{remedy}")
     named = {tag: name for (dimension, tag), name in file.names.items() if dimension == 2 and name}
     surfaces = [b for b in file.blocks if b.kind == 3 and len(b.nodes) and any(tag in named for tag in b.groups)]
     if not named or not surfaces:
@@ -77,7 +78,7 @@ def hexahedra(file: MshFile, *, unit: float = 1.0, merge_nodes: bool = False) ->
     points, moved = _at_one_place(points, cells, merge_nodes)
     cells = moved[cells]
     facets, tags, sides = _sides(cells, [moved[q] for q in quads], [b.groups for b in surfaces], named)
-    parts = _parts(cells, len(points))
+    parts = connected_parts(cells, len(points))
     if parts.any():
         _check_apart(points, cells, parts)
     return Hexahedra(points, cells, facets, tags, sides, regions, parts)
@@ -138,7 +139,7 @@ def _at_one_place(points: Array, cells: Ints, merge: bool) -> tuple[Array, Ints]
         return points, np.append(np.arange(len(points)), -1)
     n = len(points)
     if not merge:
-        parts = int(_parts(cells, n, hinged=True).max()) + 1
+        parts = int(connected_parts(cells, n, hinged=True).max()) + 1
         raise InputError(
             f"expected one node at one place, got {len(pairs)} pairs of coincident nodes and {parts} "
             f"part{'s' * (parts > 1)} that touch but share no node there; mend the mesh, or merge them (--merge-nodes)"
@@ -204,8 +205,12 @@ def _sides(
     return nodes[list(first.values())], tags, {name: tuple(own) for name, own in sides.items()}
 
 
-def _parts(cells: Ints, nodes: int, *, hinged: bool = False) -> Ints:
-    """Connected part of every cell; parts that share an edge or a node only are refused unless ``hinged`` may be."""
+def connected_parts(cells: Ints, nodes: int, *, hinged: bool = False) -> Ints:
+    """Connected part (m,) of every cell (m, 8) of so many nodes, from 0.
+
+    Raises:
+        InputError: parts share an edge or a node only, unless ``hinged`` may be.
+    """
     m = len(cells)
     graph = coo_array(
         (np.ones(8 * m), (np.repeat(np.arange(m), 8), m + cells.reshape(-1))), shape=(m + nodes, m + nodes)

@@ -16,14 +16,9 @@ from dd_macro.parallel import check_everywhere, total
 from dd_macro.scene.hexahedra import Hexahedra, hexahedra
 from dd_macro.scene.msh import read_msh_file
 from tsg_micro.data.errors import InputError
+from tsg_micro.data.voxels import SIDES, UNITS
 
-__all__ = ["SIDES", "UNITS", "TaggedMesh", "box", "read_msh"]
-
-SIDES = ("left", "right", "bottom", "top", "back", "front")
-"""Sides of a box: left and right are normal to x, bottom and top to y, back and front to z."""
-
-UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
-"""Units of a mesh file's coordinates, in m."""
+__all__ = ["SIDES", "UNITS", "TaggedMesh", "box", "distribute", "read_msh"]
 
 
 @dataclass(frozen=True)
@@ -156,6 +151,11 @@ def read_msh(
         except InputError as error:
             message = str(error) if str(error).startswith("mesh ") else f"mesh {path}: {error}"
     check_everywhere(comm, message)
+    return distribute(comm, body)
+
+
+def distribute(comm: MPI.Comm, body: Hexahedra | None) -> TaggedMesh:
+    """The mesh, over the ranks of ``comm``, of the body that rank 0 has; the others have None. Collective."""
     nothing = np.zeros((0, 8), dtype=np.int64)
     mesh = compat.hexahedral_mesh(comm, np.zeros((0, 3)) if body is None else body.points, _of(body, "cells", nothing))
     facets, values = _of(body, "facets", nothing[:, :4]), _of(body, "facet_tags", nothing[:, 0])
