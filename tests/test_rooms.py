@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1]
 BELOW = {
     "tsg_micro": ("data", "cells", "equilibrium", "continuum", "bodies", "figures"),
     "dd_macro": ("material", "scene", "methods", "results"),
-    "workflows": ("store", "experiments", "runs", "studies", "cli"),
+    "workflows": ("store", "experiments", "scenes", "runs", "studies", "cli"),
 }
 """Rooms of each package, from the ground up: imports run downwards only."""
 NEIGHBOURS = {("dd_macro.scene", "dd_macro.material"), ("workflows.experiments", "workflows.store")}

@@ -98,6 +98,8 @@ class AdaptiveResult(SecondOrderResult):
 
     rounds: tuple[Round, ...]
     adapt_reason: str
+    part_data: tuple[Dataset, ...] = ()
+    """The data of every part of the material, in their order."""
 
     @property
     def note(self) -> str:
@@ -181,7 +183,8 @@ class PreparedAdaptive:
                 numbers["iterations"] += result.iterations
             rounds.done.append(Round(**numbers, seconds=time.perf_counter() - begin))
         found = {f.name: getattr(result, f.name) for f in fields(result)}
-        return AdaptiveResult(**found, rounds=tuple(rounds.done), adapt_reason=rounds.reason)
+        parts = tuple(part.all for part in data.parts)
+        return AdaptiveResult(**found, rounds=tuple(rounds.done), adapt_reason=rounds.reason, part_data=parts)
 
 
 class _Rounds:

@@ -22,12 +22,13 @@ from numpy.typing import NDArray
 from dd_macro.methods.projection import MechanicalState, Projection
 from dd_macro.methods.solution import Solution
 from dd_macro.scene.kinematics import FiniteStrain, Kinematics, second_piola
+from dd_macro.scene.problem import Problem
 from tsg_micro.data.dataset import Dataset, convert_dataset
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.mandel import from_mandel, to_mandel
 from tsg_micro.data.stress import convert_stress
 
-__all__ = ["FiniteProjection", "FiniteState", "biot_dataset", "in_space", "state_on"]
+__all__ = ["FiniteProjection", "FiniteState", "biot_dataset", "in_space", "scaled_state", "state_on"]
 
 Array = NDArray[np.float64]
 _TURNS, _SETTLED = 100, 1e-9
@@ -110,6 +111,12 @@ def state_on(u: Array, found: Kinematics, stress: Array) -> MechanicalState:
     if isinstance(found, FiniteStrain):
         return _state(u, np.zeros_like(u), found, found.nominal_stress(stress))
     return MechanicalState(u, np.zeros_like(u), found.strain, stress)
+
+
+def scaled_state(problem: Problem, z: MechanicalState, ratio: float) -> MechanicalState:
+    """The state whose displacement and stress are ``ratio`` times those of ``z``: a start under another load."""
+    operator, u = problem.operator, ratio * z.u
+    return state_on(u, operator.local(operator.strain(u)), ratio * z.stress)
 
 
 def in_space[S: Solution](result: S, measure: str = "first_piola") -> S:

@@ -15,6 +15,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from dd_macro.compat import geometry_nodes
+from dd_macro.parallel import total
 from dd_macro.scene.mesh import TaggedMesh
 
 __all__ = ["INSIDE", "Place", "Regions", "edge_regions"]
@@ -27,10 +28,36 @@ _NEAR = 1e-6  # of a block
 
 @dataclass(frozen=True)
 class Regions:
-    """``places`` name the regions, the same on all ranks; ``cell`` (cells,) has the number of each owned cell's."""
+    """``places`` name the regions, the same on all ranks; ``cell`` (cells,) has the number of each owned cell's.
+
+    ``tissues`` are the numbers of the regions' tissues; those of one tissue follow each other, its inside first.
+    """
 
     places: tuple[Place, ...]
     cell: NDArray[np.int64]
+    tissues: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "tissues", self.tissues or (0,) * len(self.places))
+
+    def of_tissues(self, comm: MPI.Comm, tissue: NDArray[np.int64], keep: Sequence[Callable[[Place], bool]]) -> Regions:
+        """These regions, in each of the tissues apart: ``tissue`` (cells,) says which one a cell is of; collective.
+
+        ``keep`` says for each of them at which places it is another material; see :meth:`only`.
+        """
+        places: list[Place] = []
+        tissues: list[int] = []
+        cell = np.zeros(len(self.cell), dtype=np.int64)
+        for number, there in enumerate(keep):
+            own, mine = self.only(there), tissue == number
+            count = total(comm, np.bincount(own.cell[mine], minlength=len(own.places)))
+            used = [k for k in range(len(own.places)) if k == 0 or count[k] > 0]
+            place = np.zeros(len(own.places), dtype=np.int64)
+            place[used] = len(places) + np.arange(len(used))
+            cell[mine] = place[own.cell[mine]]
+            places += [own.places[k] for k in used]
+            tissues += [number] * len(used)
+        return Regions(tuple(places), cell, tuple(tissues))
 
     def points(self, points_per_cell: int) -> NDArray[np.int64]:
         """The region of every quadrature point (n,)."""
@@ -48,6 +75,11 @@ class Regions:
             for place, clamp in zip(self.places, clamps, strict=True)
         ]
         return Regions(kept, np.array(now, dtype=np.int64)[self.cell])
+
+    @classmethod
+    def one(cls, cells: int) -> Regions:
+        """A body without edges."""
+        return cls((INSIDE,), np.zeros(cells, dtype=np.int64))
 
 
 def edge_regions(

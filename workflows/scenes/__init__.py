@@ -1,0 +1,1 @@
+"""A scene from a file: body, tissues, supports, loads, and how it is solved."""

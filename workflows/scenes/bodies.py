@@ -1,0 +1,114 @@
+"""The mesh of a scene's body, and its tissues' cells."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+import dd_macro as dd
+from dd_macro.parallel import total
+from tsg_micro.cells.lattice import box_cells, spheroid_cells
+from tsg_micro.data.errors import InputError
+from workflows.scenes.model import Body, SceneModel
+from workflows.store.limits import check_memory
+
+__all__ = ["extent", "make_body", "tissue_of_cells"]
+
+MOST_BLOCKS = 1e5
+"""Across a body; one of more, or of less than one, is most often in another unit."""
+_PER_ELEMENT = 15e3
+"""Bytes that an element takes at least."""
+
+
+def make_body(comm: MPI.Comm, body: Body, block: float) -> dd.TaggedMesh:
+    """The mesh of ``body``, whose blocks have the edge ``block`` (m); collective.
+
+    Raises:
+        InputError: it is not valid, too large, or smaller than a block.
+    """
+    if body.mesh is not None:
+        size = (block, MOST_BLOCKS * block)
+        return dd.read_msh(body.mesh, comm, unit=body.unit, size=size, merge_nodes=body.merge_nodes)
+    if body.spheroid is not None:
+        count = 4.2 * body.spheroid**3
+        _check(comm, "spheroid", count * body.refine**3)
+        blocks = np.unique(spheroid_cells(body.spheroid) // 2, axis=0)
+        return dd.voxel_mesh(comm, blocks, edge=block, refine=body.refine)
+    counts = body.blocks or _counts(body, block)
+    _check(comm, "blocks", math.prod(counts) * body.refine**3)
+    lengths = body.box or (*(body.sheet or ()), block)
+    if body.blocks is not None or np.allclose(lengths, block * np.array(counts), rtol=1e-9, atol=0):
+        return dd.voxel_mesh(comm, box_cells(*counts), edge=block, refine=body.refine)
+    nx, ny, nz = (body.refine * n for n in counts)
+    return dd.box(comm, elements=(nx, ny, nz), size=(lengths[0], lengths[1], lengths[2]))
+
+
+def _check(comm: MPI.Comm, name: str, elements: float) -> None:
+    dd.parallel.together(comm, lambda: check_memory(f"body.{name}: {elements:.0f} elements", _PER_ELEMENT * elements))
+
+
+def _counts(body: Body, block: float) -> tuple[int, int, int]:
+    """Numbers of blocks nearest to the lengths of a box or sheet."""
+    lengths = body.box or (*(body.sheet or ()), block)
+    for length in lengths:
+        if not 0.5 * block <= length <= MOST_BLOCKS * block:
+            raise InputError(
+                f"body: expected lengths between half a block, {0.5 * block:.3g} m, and {MOST_BLOCKS:.0e} blocks, got "
+                f"{length:.3g} m"
+            )
+    x, y, z = (max(1, round(length / block)) for length in lengths)
+    return x, y, z
+
+
+def extent(domain: dd.TaggedMesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Least and largest coordinates (3,) of the mesh, m; collective."""
+    x = domain.mesh.geometry.x
+    ends = np.stack([-x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)])
+    domain.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+    return -ends[0], ends[1]
+
+
+def tissue_of_cells(domain: dd.TaggedMesh, scene: SceneModel) -> NDArray[np.int64]:
+    """Number of the tissue, in the order of the file, of every owned cell; collective.
+
+    Raises:
+        InputError: a region is not in the mesh, two tissues meet in a cell, a cell has none, or a tissue has no cell.
+    """
+    names = list(scene.tissue)
+    found = np.full(domain.owned_cells, -1, dtype=np.int64)
+    twice = 0
+    for number, name in enumerate(names):
+        region = scene.tissue[name].region
+        if region is None:
+            continue
+        try:
+            cells = domain.cells_of(region)
+        except InputError as error:
+            raise InputError(f"tissue.{name}.region: {error}") from None
+        twice += int((found[cells] >= 0).sum())
+        found[cells] = number
+    rest = [number for number, name in enumerate(names) if scene.tissue[name].region is None]
+    if len(rest) > 1:
+        raise InputError(
+            f"tissue: expected a region for all tissues but one, got none of {', '.join(names[k] for k in rest)}"
+        )
+    found[found < 0] = rest[0] if rest else -1
+    counts = total(domain.comm, [twice, (found < 0).sum(), *np.bincount(found[found >= 0], minlength=len(names))])
+    if counts[0]:
+        raise InputError(f"tissue: expected regions that do not overlap, got {counts[0]:.0f} cells in two")
+    if counts[1]:
+        raise InputError(
+            f"tissue: expected one for every cell, got none for {counts[1]:.0f}; a tissue without region takes the rest"
+        )
+    _check_used(names, counts[2:])
+    return found
+
+
+def _check_used(names: Sequence[str], counts: NDArray[np.float64]) -> None:
+    for name, count in zip(names, counts, strict=True):
+        if count == 0:
+            raise InputError(f"tissue.{name}: expected some cells of it, got none")
