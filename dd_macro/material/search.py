@@ -30,7 +30,7 @@ class MaterialSearch:
 
     def __init__(self, dataset: Dataset, metric: Metric, *, workers: int = 1) -> None:
         self.dataset, self.metric, self.workers = dataset, metric, workers
-        whitened = self._seen(metric.whiten(dataset.strain, dataset.stress))
+        whitened = self._places()
         _, first = np.unique(whitened, axis=0, return_index=True)
         self._first = np.sort(first)
         self._data = whitened[self._first]
@@ -43,6 +43,10 @@ class MaterialSearch:
         self._where = np.empty((0, 12))
         self._nearest = np.empty(0, dtype=np.int64)
         self._margin = np.empty(0)
+
+    def _places(self) -> Array:
+        """Where the data are, (N, 12) or more coordinates."""
+        return self._seen(self.metric.whiten(self.dataset.strain, self.dataset.stress))
 
     def _seen(self, z: Array) -> Array:
         """What of whitened points (n, 12) the distance is of: all of it."""
@@ -58,7 +62,7 @@ class MaterialSearch:
             raise InputError(f"points to search for: expected finite numbers (n, 12), got shape {z.shape} or NaN")
         z = self._seen(z)
         if len(z) != len(self._where):
-            self._where = np.full((len(z), 12), np.nan)
+            self._where = np.full(z.shape, np.nan)
             self._nearest = np.zeros(len(z), dtype=np.int64)
             self._margin = np.zeros(len(z))
         moved = np.linalg.norm(z - self._where, axis=1)

@@ -21,6 +21,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from dd_macro.material.graded import Coordinates, GradedTangents
 from dd_macro.material.metric import Metric
 from dd_macro.material.regional import search_in_regions
 from dd_macro.material.tangent_spaces import StrainSearch, TangentSearch
@@ -162,8 +163,10 @@ class PreparedAdaptive:
             ConvergenceError: a solve failed; the data until then were kept.
         """
         begin, plan = time.perf_counter(), self.method.plan
-        data = AllData([PartData(part) for part in self.material.each])
-        rounds = _Rounds(self, data, start)
+        comm, given = self.problem.operator.comm, self.material.each
+        forces = [part.bar_forces(self.problem, k) for k, part in enumerate(given)]
+        data = AllData([PartData(part, _spread(comm, own)) for part, own in zip(given, forces, strict=True)])
+        rounds = _Rounds(self, data, forces, start)
         while not rounds.reason:
             known = data.all
             watch.keep(known)
@@ -190,7 +193,9 @@ class PreparedAdaptive:
 class _Rounds:
     """What goes from round to round: the state, the search of the last data, how far its strains are from them."""
 
-    def __init__(self, prepared: PreparedAdaptive, data: AllData, start: MechanicalState | None) -> None:
+    def __init__(
+        self, prepared: PreparedAdaptive, data: AllData, forces: list[Array | None], start: MechanicalState | None
+    ) -> None:
         self.problem, self.plan, self.data = prepared.problem, prepared.method.plan, data
         metric = prepared.material.metric
         if isinstance(metric, str):
@@ -202,21 +207,24 @@ class _Rounds:
         self._away = np.inf
         self._surprise: float | None = None
         self.z = self.projection.elastic() if start is None else start
+        size = _root_mean_square(self.problem.operator.comm, self.problem.operator.weights, metric, self.z.strain)
+        self._forces = forces
+        self._coordinates = [Coordinates(metric, None if own is None else size) for own in forces]
         self.done: list[Round] = []
         self.reason = ""
 
     def step(self, known: Dataset) -> dict[str, Any]:
         """One step with the data ``known``: the numbers of its round."""
         operator, C, last, data = self.problem.operator, self.projection.metric, self.z, self.data
-        self._searches = [StrainSearch(part.all, C) for part in data.parts]
+        parts = zip(data.parts, self._coordinates, self._forces, strict=True)
+        self._searches = [_search(part.all, at, own) for part, at, own in parts]
         self.search = search_in_regions(self._searches, self.problem.region_of_points)
         self.spaces, iterations = self.search.spaces(last.strain, last.stress), 0
         if self.done or self._given:
             step = self._onto
             self.z, iterations = step(last, self.spaces, changed=0, search=0.0, final=step.exact), 1
         change = relative_distance(operator, C, last, self.z) if self.done else None
-        datum = known.strain[self.spaces.index]
-        (gap, new), old = _gap(operator.comm, operator.weights, C, self.z.strain, datum), self._away
+        (gap, new), old = _gap(operator.comm, operator.weights, C, self.z.strain, self._off(known)), self._away
         self._away, left = new, min(new / old, _LEFT) if old > 0 else _LEFT
         return {
             "rves": data.rves,
@@ -230,6 +238,16 @@ class _Rounds:
             "iterations": iterations,
         }
 
+    def _off(self, known: Dataset) -> Array:
+        """How far the points (n,) are from their data, in strain and bar force."""
+        off = np.empty(len(self.z.strain))
+        for where, at, own in zip(self._coordinates, self._points, self._forces, strict=True):
+            datum = self.spaces.index[at]
+            there = None if own is None or known.bar_force is None else known.bar_force[datum]
+            x = where.of(self.z.strain[at], None if there is None else own)
+            off[at] = np.linalg.norm(x - where.of(known.strain[datum], there), axis=1)
+        return off
+
     def grow(self, known: Dataset) -> None:
         """Ask for more data, or say why there are no more."""
         comm, w, plan = self.problem.operator.comm, self.problem.operator.weights, self.plan
@@ -238,15 +256,19 @@ class _Rounds:
         used = np.array([np.count_nonzero(times[a:b]) for a, b in itertools.pairwise(begin)])
         count = _shares(np.maximum(1, np.round((plan.growth - 1.0) * used)).astype(int), plan.budget - self.data.rves)
         found: list[float] = []
-        asked, metric = 0, self.projection.metric
-        for part, search, at, more in zip(self.data.parts, self._searches, self._points, count, strict=True):
+        asked = 0
+        each = zip(self.data.parts, self._searches, self._points, self._coordinates, self._forces, count, strict=True)
+        for part, search, at, where, own, more in each:
             if more == 0:
                 continue
-            there = part.all.strain
-            wanted, nearest = cluster(comm, self.z.strain[at], w[at], there, count=int(more), metric=metric)
-            asked += len(wanted)
-            new = part.add(wanted, there[nearest]) if len(wanted) else None
-            found += [] if new is None else [_surprise(new, search)]
+            data = part.all
+            there = where.of(data.strain, data.bar_force)
+            places, nearest = cluster(comm, where.of(self.z.strain[at], own), w[at], there, count=int(more))
+            asked += len(places)
+            if len(places):
+                strains, forces = where.back(places)
+                new = part.add(strains, data.strain[nearest], forces)
+                found += [] if new is None else [_surprise(new, search)]
         if not found:
             self.reason = "no RVE reached its strain" if asked else "every strain has its datum"
         else:
@@ -263,15 +285,40 @@ def _shares(count: NDArray[np.int64], rest: int) -> NDArray[np.int64]:
     return share
 
 
-def _gap(comm: MPI.Comm, w: Array, C: Metric, strain: Array, datum: Array) -> tuple[float, float]:
-    """Root mean square of the distance r of the strain from its datum, relative to that of the strain; that of r^2."""
-    off, all_of_it = (((e @ C.factor) ** 2).sum(axis=1) for e in (strain - datum, strain))
-    sums = total(comm, [w @ off, w @ all_of_it, w @ off**2])
+def _gap(comm: MPI.Comm, w: Array, C: Metric, strain: Array, off: Array) -> tuple[float, float]:
+    """Root mean square of the distance ``off`` (n,) from the data, over that of the strain; that of its square."""
+    size = ((strain @ C.factor) ** 2).sum(axis=1)
+    sums = total(comm, [w @ off**2, w @ size, w @ off**4])
     return float(np.sqrt(sums[0] / sums[1])), float(np.sqrt(sums[2]))
+
+
+def _root_mean_square(comm: MPI.Comm, w: Array, C: Metric, strain: Array) -> float:
+    """That of the strain, in the metric; where there is none, one that is small for any tissue."""
+    sums = total(comm, np.array([w @ ((strain @ C.factor) ** 2).sum(axis=1), w.sum()]))
+    return float(np.sqrt(sums[0] / sums[1])) or 1e-3 * float(np.sqrt(np.trace(C.C)))
+
+
+def _spread(comm: MPI.Comm, forces: Array | None) -> Array | None:
+    """The least, the middle and the largest of bar forces (n,) of all ranks; collective where there are some."""
+    if forces is None:
+        return None
+    ends = np.array([-forces.min(initial=np.inf), forces.max(initial=-np.inf)])
+    comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+    low, high = -ends[0], ends[1]
+    return np.unique([low, np.sqrt(low * high), high])
+
+
+def _search(dataset: Dataset, where: Coordinates, forces: Array | None) -> TangentSearch:
+    """The search of a part, by strain, and by bar force where it varies."""
+    if forces is None or where.gamma is None:
+        return StrainSearch(dataset, where.metric)
+    return GradedTangents(dataset, where.metric, at=forces, gamma=where.gamma)
 
 
 def _surprise(found: Dataset, search: TangentSearch) -> float:
     """Error of the stress that the data of ``search`` predict for the strains of ``found``, relative, in the metric."""
+    if isinstance(search, GradedTangents) and found.bar_force is not None:
+        search = search.for_points(found.bar_force)
     spaces, whiten = search.spaces(found.strain, found.stress), search.metric.whiten
     stress = spaces.stress + np.einsum("nij,nj->ni", spaces.tangent, found.strain - spaces.strain)
     size = np.linalg.norm(whiten(np.zeros_like(stress), found.stress))

@@ -52,7 +52,8 @@ class PartData:
         InputError: the measure does not fit the data.
     """
 
-    def __init__(self, material: Material) -> None:
+    def __init__(self, material: Material, bar_forces: Array | None = None) -> None:
+        """``bar_forces`` (k,) in N are those to begin with where they vary."""
         assert material.source is not None
         base = material.dataset
         self.measure = material.measure or ("first_piola" if base is None else base.stress_measure)
@@ -61,7 +62,8 @@ class PartData:
         self.rves = self.failed = 0
         self.seconds = 0.0
         if base is None:
-            self.add(np.zeros((1, 6)), np.zeros((1, 6)))
+            rest = np.zeros((1 if bar_forces is None else len(bar_forces), 6))
+            self.add(rest, rest, bar_forces)
 
     @property
     def all(self) -> Dataset:
@@ -72,10 +74,11 @@ class PartData:
             return one
         return join_datasets(self.base, self._new)
 
-    def add(self, strains: Array, origins: Array) -> Dataset | None:
+    def add(self, strains: Array, origins: Array, bar_forces: Array | None = None) -> Dataset | None:
         """Add data at ``strains`` and return them, see dd_macro.Source; None if none was reached."""
         clock = time.perf_counter()
-        found = self.source.states(strains, origins)
+        more = () if bar_forces is None else (bar_forces,)
+        found = self.source.states(strains, origins, *more)
         self.seconds += time.perf_counter() - clock
         self.rves += len(strains)
         self.failed += len(strains) - (0 if found is None else len(found))
@@ -85,7 +88,7 @@ class PartData:
         if self._new is None:
             self._new = found
         else:  # of one run: unlike join_datasets it has one source
-            more = found.arrays()
-            arrays: dict[str, Any] = {name: np.concatenate([a, more[name]]) for name, a in self._new.arrays().items()}
+            new = found.arrays()
+            arrays: dict[str, Any] = {name: np.concatenate([a, new[name]]) for name, a in self._new.arrays().items()}
             self._new = replace(self._new, **arrays)
         return found

@@ -14,25 +14,22 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from dd_macro.material.metric import Metric
 from dd_macro.parallel import total
 
 __all__ = ["cluster"]
 
 Array = NDArray[np.float64]
 _MOVES, _TIE, _NOTHING = 8, 1e-6, 1e-8
-_GENERIC = np.array([1.0, 0.83, 0.71, 0.59, 0.47, 0.37])
+_GENERIC = np.array([1.0, 0.83, 0.71, 0.59, 0.47, 0.37, 0.29])
 """No symmetry of a scene leaves it as it is: it says which of two ends of a line comes first."""
 
 
-def cluster(
-    comm: MPI.Comm, strain: Array, weights: Array, data: Array, *, count: int, metric: Metric
-) -> tuple[Array, NDArray[np.int64]]:
-    """At most ``count`` new strains (k, 6) for points of ``strain`` (n, 6), and the datum that each one started from.
+def cluster(comm: MPI.Comm, x: Array, weights: Array, fixed: Array, *, count: int) -> tuple[Array, NDArray[np.int64]]:
+    """At most ``count`` new places (k, d) for points at ``x`` (n, d), and the datum that each one started from.
 
-    Points (of all ranks) have volumes ``weights`` (n,), ``data`` (N, 6) are the strains that have a datum already.
+    Places are strains in the metric, epsilon L of C = L L^T, and further coordinates (dd_macro.material.graded).
+    Points (of all ranks) have volumes ``weights`` (n,), ``fixed`` (N, d) are places that have a datum already.
     """
-    x, fixed = strain @ metric.factor, data @ metric.factor
     centres = fixed
     parent = np.arange(len(fixed))
     owner, r2 = _assign(x, fixed)
@@ -46,7 +43,7 @@ def cluster(
         off, share = x[mine] - centres[split], (weights * r2)[mine]
         scatter = total(comm, np.einsum("n,ni,nj->ij", share, off, off))
         axes = np.linalg.eigh(scatter).eigenvectors
-        axis = axes[:, -1] * np.where(axes[:, -1] @ _GENERIC < 0, -1.0, 1.0)
+        axis = axes[:, -1] * np.where(axes[:, -1] @ _GENERIC[: len(axes)] < 0, -1.0, 1.0)
         along = off @ axis
         sides = (along > 0, along <= 0)
         ends = [total(comm, [share[i] @ along[i] ** 2, share[i].sum(), *(share[i] @ off[i])]) for i in sides]
@@ -67,7 +64,7 @@ def cluster(
         moved = sums[:, 0] > 0
         centres[old:][moved] = sums[moved, 1:] / sums[moved, :1]
         owner, r2 = _assign(x, centres)
-    return centres[old:] @ np.linalg.inv(metric.factor), parent[old:]
+    return centres[old:], parent[old:]
 
 
 def _assign(x: Array, centres: Array) -> tuple[NDArray[np.int64], Array]:

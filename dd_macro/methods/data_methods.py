@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dd_macro.material.estimated_tangents import estimate_tangents
+from dd_macro.material.graded import GradedPoints, GradedTangents
 from dd_macro.material.metric import Metric
 from dd_macro.material.regional import search_in_regions
 from dd_macro.material.search import MaterialSearch
@@ -31,6 +32,7 @@ from tsg_micro.data.errors import InputError
 
 __all__ = ["DataMethod", "PointMethod", "PreparedData", "TangentMethod", "without_tangents"]
 
+Array = NDArray[np.float64]
 _ESTIMATE = 16
 
 
@@ -55,6 +57,18 @@ class DataMethod(ABC):
         Raises:
             InputError: the data are not what it needs.
         """
+
+    def graded(self, dataset: Dataset, metric: Metric, forces: Array) -> MaterialSearch:
+        """The search in a tissue whose bar force is ``forces`` (n,) in N at the points.
+
+        Raises:
+            InputError: the data are not what it needs, or do not know their bar force.
+        """
+        gamma = float(np.sqrt(((dataset.strain @ metric.factor) ** 2).sum(axis=1).mean()))
+        kind = GradedTangents if self.order == 2 and dataset.tangent is not None else GradedPoints
+        if self.order == 2 and kind is GradedPoints:
+            raise InputError("data: expected tangents in a tissue whose bar force varies, got none")
+        return kind(dataset, metric, at=forces, gamma=gamma)
 
     @abstractmethod
     def solve(
@@ -92,7 +106,10 @@ class DataMethod(ABC):
             metric = choose_metric(metric, problem, datasets[0], order=self.order)
         seconds = time.perf_counter() - clock
         projection = projection or project(problem, metric)
-        searches = [self.search(dataset, metric) for dataset in datasets]
+        searches = []
+        for number, (part, dataset) in enumerate(zip(material.each, datasets, strict=True)):
+            forces = part.bar_forces(problem, number)
+            searches.append(self.search(dataset, metric) if forces is None else self.graded(dataset, metric, forces))
         return PreparedData(self, projection, search_in_regions(searches, problem.region_of_points), seconds)
 
     def tuned(self, *, max_iterations: int | None = None, over_relaxation: float | None = None) -> Self:

@@ -6,6 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, Self
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dd_macro.material.laws import Law
 from dd_macro.material.metric import Metric
 from dd_macro.material.source import Source
@@ -16,6 +19,8 @@ from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import InputError
 
 __all__ = ["SILENT", "Material", "Method", "Prepared", "Watch", "with_iterations"]
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -31,6 +36,8 @@ class Material:
     law: Law | None = None
     source: Source | None = None
     measure: str | None = None
+    bar_force: Array | None = None
+    """f_b (cells,) in N of every cell this rank owns, in a tissue where it varies from cell to cell."""
     parts: tuple[Material, ...] = ()
     """One for each region of the problem, in their order, where it has regions."""
 
@@ -38,6 +45,12 @@ class Material:
     def each(self) -> tuple[Material, ...]:
         """The parts, or the material itself where there is one only."""
         return self.parts or (self,)
+
+    def bar_forces(self, problem: Problem, part: int) -> Array | None:
+        """f_b (n,) in N at the points of the region ``part`` of ``problem``; None where it is one."""
+        if self.bar_force is None:
+            return None
+        return np.repeat(self.bar_force, problem.operator.points_per_cell)[problem.region_of_points == part]
 
     def data(self) -> Dataset:
         """The data set.

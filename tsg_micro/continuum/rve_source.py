@@ -74,12 +74,15 @@ class RVESource:
         """All states so far."""
         return self.rve.reference
 
-    def states(self, strains: Array, origins: Array) -> Dataset | None:
+    def states(self, strains: Array, origins: Array, bar_forces: Array | None = None) -> Dataset | None:
         """Data at ``strains`` (k, 6), the states of one call as a path; see dd_macro.Source.
 
         Raises:
+            InputError: ``bar_forces`` are asked for; GradedSource has them.
             ConvergenceError: the RVE has no equilibrium in its reference state.
         """
+        if bar_forces is not None:
+            raise InputError("bar_forces: expected none of a tissue with one bar force, got some")
         reached = [state for state in self.reach(strains, origins) if state is not None]
         if not reached:
             return None

@@ -101,6 +101,14 @@ class RVESpec:
                 raise InputError(f"axes: expected free along {name}, as the tissue is there, got {word!r}")
         return self.at([word.replace("periodic", "").replace("-", " ") for word in words])
 
+    def with_bar_force(self, bar_force: float) -> RVESpec:
+        """The same of a tissue with another bar force f_b (N).
+
+        Raises:
+            InputError: it is not valid.
+        """
+        return replace(self, tissue=replace(self.tissue, bar_force=float(bar_force)))
+
     @property
     def faces(self) -> tuple[tuple[str, int], ...]:
         """What is across x, y, z, in how many blocks: RVEs of a tissue with the same faces are of one place."""

@@ -11,6 +11,8 @@ One HDF5 schema (version 1). Root attributes: ``format`` = "tsgdd-dataset", ``sc
     midpoint (N,3) m                   optional  where each point was read off, for block means of a structure
     support (N,6) Pa                   optional  what clamps carry beside the stress (tsg_micro.continuum.rve)
     support_tangent (N,6,6) Pa         optional  d support / d strain
+    bar_force (N) N                    optional  f_b of each point, in a tissue whose bar force varies
+    bar_force_rate (N,6) Pa/N          optional  d stress / d f_b at fixed strain
     source (N) 1                       optional  which of the joined runs a point is from
 
 The attribute ``silent`` (JSON, none if it is not there) names strain components that the data say nothing about.
@@ -59,6 +61,8 @@ UNITS = {
     "midpoint": "m",
     "support": "Pa",
     "support_tangent": "Pa",
+    "bar_force": "N",
+    "bar_force_rate": "Pa/N",
     "source": "1",
 }
 _SHAPES: dict[str, tuple[int, ...]] = {
@@ -72,6 +76,8 @@ _SHAPES: dict[str, tuple[int, ...]] = {
     "midpoint": (3,),
     "support": (6,),
     "support_tangent": (6, 6),
+    "bar_force": (),
+    "bar_force_rate": (6,),
     "source": (),
 }
 _REQUIRED = ("strain", "stress", "path", "step")
@@ -106,6 +112,8 @@ class Dataset:
     midpoint: Array | None = None
     support: Array | None = None
     support_tangent: Array | None = None
+    bar_force: Array | None = None
+    bar_force_rate: Array | None = None
     source: NDArray[np.int64] | None = None
     silent: tuple[str, ...] = ()
     parameters: dict[str, Any] = field(default_factory=dict)
@@ -308,6 +316,7 @@ def convert_dataset(dataset: Dataset, measure: str) -> Dataset:
         tangent = convert_tangent(tangent, dataset.stress, F, source, measure)
     found: dict[str, Any] = {"stress": convert_stress(dataset.stress, F, source, measure), "tangent": tangent}
     found["support_tangent"] = None
-    if dataset.support is not None:
-        found["support"] = convert_stress(dataset.support, F, source, measure)
+    for name in ("support", "bar_force_rate"):
+        if getattr(dataset, name) is not None:
+            found[name] = convert_stress(getattr(dataset, name), F, source, measure)
     return dataclasses.replace(dataset, **found, stress_measure=measure)

@@ -6,8 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 import dd_macro as dd
+from dd_macro.material.regional import RegionalLaw
 from tsg_micro.cells.tissue import Tissue
+from tsg_micro.continuum.graded_source import GradedSource
 from tsg_micro.continuum.rve_law import RVELaw
 from tsg_micro.continuum.rve_source import RVESource
 from tsg_micro.continuum.rve_spec import RVESpec
@@ -123,14 +127,27 @@ def the_material(built: Built, method: dd.Method, known: Sequence[TissueData], p
         if one.rve is None:
             parts += [dd.Material(one.dataset, metric, measure=theory.solved(None))] * len(own)
             continue
-        specs = [one.rve.at(place) for place in own]
+        specs, force = [one.rve.at(place) for place in own], built.bar_force if built.varies(number) else None
         for spec, data in zip(specs, data_of(one.dataset, specs), strict=True):
-            law = RVELaw(spec.build()) if _is_fe2(method) else None
-            source = _source(spec, problem) if isinstance(method, dd.AdaptiveMethod) else None
-            parts.append(dd.Material(data, metric, law=law, source=source, measure=theory.solved(None)))
+            part = dd.Material(data, metric, measure=theory.solved(None), bar_force=force)
+            if _is_fe2(method):
+                part = replace(part, law=_law(spec, part, problem, len(parts)))
+            if isinstance(method, dd.AdaptiveMethod):
+                part = replace(part, source=_source(spec, problem, varies=force is not None))
+            parts.append(part)
     return in_parts(parts)
 
 
-def _source(spec: RVESpec, problem: dd.Problem) -> RVESource:
+def _law(spec: RVESpec, part: dd.Material, problem: dd.Problem, number: int) -> dd.Law:
+    """An RVE at every point of the region, of the point's own bar force."""
+    force = part.bar_forces(problem, number)
+    if force is None:
+        return RVELaw(spec.build())
+    values, which = np.unique(force, return_inverse=True)
+    return RegionalLaw([RVELaw(spec.with_bar_force(value).build()) for value in values], which)
+
+
+def _source(spec: RVESpec, problem: dd.Problem, *, varies: bool) -> dd.Source:
+    kind = GradedSource if varies else RVESource
     made_for = {"adapted": {"load": "scene", "strain": 1.0}}
-    return RVESource(spec, comm=problem.operator.comm, parameters=made_for, versions=versions())
+    return kind(spec, comm=problem.operator.comm, parameters=made_for, versions=versions())

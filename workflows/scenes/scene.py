@@ -14,6 +14,7 @@ from tsg_micro.cells.tissue import Tissue
 from tsg_micro.cells.tissue_file import read_tissue
 from tsg_micro.continuum.rve_spec import KINDS, RVESpec
 from tsg_micro.data.errors import InputError
+from workflows.scenes.bar_force import bar_forces
 from workflows.scenes.bodies import extent, make_body, tissue_of_cells
 from workflows.scenes.model import Profile, SceneModel, TissueModel
 from workflows.scenes.supports import held_and_free, loads_of, supports_of
@@ -52,6 +53,8 @@ class Built:
     tissues: tuple[Tissue, ...]
     kinds: tuple[str, ...]
     cell_tissue: NDArray[np.int64]
+    bar_force: Array
+    """f_b (cells,) in N of every owned cell."""
     supports: tuple[dd.Displacement, ...]
     loads: tuple[dd.Load, ...]
 
@@ -64,6 +67,10 @@ class Built:
     def block(self) -> float:
         """Edge of a block, m."""
         return self.tissues[0].block
+
+    def varies(self, number: int) -> bool:
+        """Whether the bar force of this tissue varies from cell to cell."""
+        return isinstance(self.model.tissue[self.names[number]].bar_force, Profile)
 
     def problem(self, rves: Sequence[RVESpec | None], keep: Sequence[Keep] | None = None) -> dd.Problem:
         """What is held and loaded; a region for every tissue, and for its edges where RVEs have them. Collective.
@@ -135,5 +142,6 @@ def build(comm: MPI.Comm, model: SceneModel) -> Built:
     kinds = tuple(one.kind or ("bulk" if thick else "sheet") for one in model.tissue.values())
     assert set(kinds) <= set(KINDS)
     cell_tissue = tissue_of_cells(domain, model)
+    force = bar_forces(domain, model, tissues, cell_tissue)
     supports, loads = supports_of(domain, model), loads_of(domain, model)
-    return Built(model, domain, names, tissues, kinds, cell_tissue, tuple(supports), tuple(loads))
+    return Built(model, domain, names, tissues, kinds, cell_tissue, force, tuple(supports), tuple(loads))

@@ -29,7 +29,6 @@ F_B = 1e-8
 TISSUE = Tissue(bar_force=F_B)
 SCENE = Scene("shear", 0.06, elements=(4, 4, 1), element="trilinear", edges=False)
 BUDGETS = (1, 4, 16, 64)
-UNIT = dd.Metric(np.eye(6), "unit")
 
 
 def run(out, *, data=None, measure=None, tissue=TISSUE, **plan):
@@ -191,13 +190,13 @@ def test_clusters_are_where_the_error_is():
     rng = np.random.default_rng(1)
     near = 0.1 * rng.standard_normal((500, 6))
     blobs = np.concatenate([near, near[:50] + 5 * np.eye(6)[0], near[50:100] - 4 * np.eye(6)[3]])
-    strains, parents = cluster(MPI.COMM_SELF, blobs, np.ones(600), np.zeros((1, 6)), count=2, metric=UNIT)
+    strains, parents = cluster(MPI.COMM_SELF, blobs, np.ones(600), np.zeros((1, 6)), count=2)
     found = strains[np.argsort(strains[:, 3])]
     np.testing.assert_allclose(found, [blobs[550:].mean(axis=0), blobs[500:550].mean(axis=0)], atol=0.05)
     np.testing.assert_array_equal(parents, 0)
     # where there are data already, no more are asked for
     data = np.concatenate([np.zeros((1, 6)), found])
-    further, parents = cluster(MPI.COMM_SELF, blobs, np.ones(600), data, count=3, metric=UNIT)
+    further, parents = cluster(MPI.COMM_SELF, blobs, np.ones(600), data, count=3)
     assert np.linalg.norm(further[:, None] - data, axis=2).min() > 0.01
     assert len(parents) == 3
 
@@ -208,18 +207,18 @@ def test_clusters_lower_the_error_and_the_order_of_points_does_not_matter():
     old, last = strain[:4], np.inf
     order = rng.permutation(2000)
     for count in (0, 4, 16, 64):
-        new, _ = cluster(MPI.COMM_SELF, strain, volume, old, count=count, metric=UNIT)
+        new, _ = cluster(MPI.COMM_SELF, strain, volume, old, count=count)
         assert len(new) == count
         r = np.linalg.norm(strain[:, None] - np.concatenate([old, new]), axis=2).min(axis=1)
         assert volume @ r**4 < 0.7 * last
         last = volume @ r**4
-        again, _ = cluster(MPI.COMM_SELF, strain[order], volume[order], old, count=count, metric=UNIT)
+        again, _ = cluster(MPI.COMM_SELF, strain[order], volume[order], old, count=count)
         np.testing.assert_allclose(again, new, atol=1e-9)
 
 
 def test_a_few_strains_get_a_datum_each_and_no_more():
     points = np.repeat(np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]), 3, axis=0)
-    strains, _ = cluster(MPI.COMM_SELF, points, np.ones(18), np.zeros((1, 6)), count=50, metric=UNIT)
+    strains, _ = cluster(MPI.COMM_SELF, points, np.ones(18), np.zeros((1, 6)), count=50)
     assert len(strains) == 6
     np.testing.assert_allclose(strains[np.argsort(strains.sum(axis=1))], points[::3], atol=1e-9)
 
