@@ -95,6 +95,5 @@ def write_voxels(
             raise InputError(f"labels: expected at most {_MOST_REGIONS}, which are tissues, got {len(found)}")
         regions = {f"label-{label}": voxels.labels == label for label in found}
     points = np.asarray(origin, dtype=float) + edge * body.nodes
-    sides = {name: on for name, on in body.sides().items() if on.any()}
-    write_msh(path, points, body.cells, body.faces, sides=sides, regions=regions)
+    write_msh(path, points, body.cells, body.faces, sides=body.sides(), regions=regions)
     return body

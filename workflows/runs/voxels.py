@@ -100,7 +100,7 @@ def voxels(
             "extent": ((high - low).tolist(), "m"),
             "parts": (body.parts, ""),
             "dropped_voxels": (body.dropped, ""),
-            "sides": ([name for name, on in mesh.sides().items() if on.any()], ""),
+            "sides": (list(mesh.sides()), ""),
             "regions": (dict(zip(names, np.bincount(region.reshape(-1)).tolist(), strict=True)), "voxels"),
         },
     )
