@@ -54,7 +54,7 @@ def plot_voxels(
         body, region = _without_near_eighth(body, region, camera[:, 2])
     outward = np.zeros((6, 3))
     outward[np.arange(6), np.arange(6) // 2] = np.tile([-1.0, 1.0], 3)
-    seen = (outward @ camera[:, 2] > 0.0)[body.towards]
+    seen = (outward @ camera[:, 2] > 1e-9)[body.towards]
     corners = MICRO * edge * body.nodes[body.faces[seen]] @ camera  # (f, 4, 3) in µm
     towards, own = body.towards[seen], region[body.owner[seen]]
     order = np.argsort(corners[..., 2].mean(axis=1))  # far ones first

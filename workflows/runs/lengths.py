@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import re
+from typing import Any
 
 from tsg_micro.data.errors import InputError
 
@@ -18,19 +20,27 @@ def length(name: str, text: str) -> float:
     Raises:
         InputError: not one number with a unit of length or none, or not positive.
     """
-    import pint
-
     form = _FORM.fullmatch(text.strip())
     if form is None:
         raise InputError(f"{name}: expected a length, as 20um, or 2e-5 in m, got {text!r}")
+    import pint
+
     try:
-        value = float(pint.UnitRegistry().Quantity(float(form[1]), form[2] or "m").m_as("m"))
+        value = float(_registry().Quantity(float(form[1]), form[2] or "m").m_as("m"))
     except pint.PintError as error:
         why = " ".join(str(error).split())
         raise InputError(f"{name}: expected a length, as 20um, or 2e-5 in m, got {text!r} ({why})") from None
     if not (math.isfinite(value) and value > 0):
         raise InputError(f"{name}: expected a positive length, got {text!r}")
     return value
+
+
+@functools.cache
+def _registry() -> Any:
+    """Units by name; it takes a second to make."""
+    import pint
+
+    return pint.UnitRegistry()
 
 
 def three_lengths(name: str, texts: tuple[str, str, str]) -> tuple[float, float, float]:

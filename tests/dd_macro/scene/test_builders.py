@@ -112,7 +112,9 @@ def test_gmsh_reads_what_is_written(comm, folder, gmsh):
         return
     body = voxel_body(box_cells(2, 2, 1)[:3])
     regions = {"all": np.ones(3, dtype=bool), "one": np.arange(3) == 1}
-    write_msh(folder / "a.msh", 2e-5 * body.nodes.astype(float), body.cells, body.faces, sides=body.sides(), regions=regions)
+    write_msh(
+        folder / "a.msh", 2e-5 * body.nodes.astype(float), body.cells, body.faces, sides=body.sides(), regions=regions
+    )
     gmsh.initialize([], readConfigFiles=False, interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
