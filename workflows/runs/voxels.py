@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ from meshes.voxels import grid_of, largest_body, write_voxels
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from tsg_micro.data.voxels import UNITS
-from workflows.runs.lengths import length, three_lengths
+from workflows.scenes.quantities import quantity
 from workflows.store.limits import check_memory
 from workflows.store.record import drop_summary, write_summary
 
@@ -61,7 +62,7 @@ def voxels(
         raise InputError(f"out: expected a file name that ends in .msh, got {out}")
     if out.is_dir():
         raise InputError(f"out: expected a file, got the folder {out}")
-    edge = length("size", size)
+    edge = _length("size", size)
     if (surface is None) == (labels is None):
         raise InputError("surface, labels: expected one of them, --surface FILE.stl or --labels FILE.tif")
     if surface is not None:
@@ -72,7 +73,8 @@ def voxels(
         assert labels is not None
         if spacing is None or unit is not None:
             raise InputError("labels: expected --spacing X Y Z of its pixels, as 0.5um 0.5um 2um, and no --unit")
-        filled = _of_labels(labels, three_lengths("spacing", spacing), edge)
+        x, y, z = (_length("spacing", text) for text in spacing)
+        filled = _of_labels(labels, (x, y, z), edge)
     found = int((filled.labels > 0).sum())
     check_memory(f"voxels: {found}", _PER_VOXEL * found)
     body = largest_body(filled.labels)
@@ -104,6 +106,20 @@ def voxels(
             "regions": (dict(zip(names, np.bincount(region.reshape(-1)).tolist(), strict=True)), "voxels"),
         },
     )
+
+
+def _length(name: str, text: str) -> float:
+    """The positive length in m of an option."""
+    number: object = text
+    with contextlib.suppress(ValueError):
+        number = float(text)
+    try:
+        value = quantity(number, "m", "a length")
+    except ValueError as error:
+        raise InputError(f"{name}: {error}") from None
+    if value <= 0:
+        raise InputError(f"{name}: expected a positive length, got {text!r}")
+    return value
 
 
 def _of_surface(path: Path, unit: str, edge: float) -> _Filled:

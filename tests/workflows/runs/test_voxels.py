@@ -12,8 +12,6 @@ from mpi4py import MPI
 
 import dd_macro as dd
 from meshes.labels import nearest_labels
-from tsg_micro.data.errors import InputError
-from workflows.runs.lengths import length
 
 ONE = MPI.COMM_SELF
 
@@ -89,13 +87,6 @@ def test_nearest_labels_of_other_spacings():
     assert not beyond[[0, -1]].any()
 
 
-def test_lengths():
-    assert [length("size", text) for text in ("20um", "20 µm", "2e-5", ".02 mm")] == pytest.approx([2e-5] * 4)
-    for text in ("20 Pa", "-3um", "0", "um", "1e999", "nan", "20 um^9**9"):
-        with pytest.raises(InputError, match="size: expected a"):
-            length("size", text)
-
-
 def ball_file(name, change=lambda points, triangles: (points, triangles)):
     def write(folder):
         points, triangles, _ = sphere(6)
@@ -159,6 +150,9 @@ PLY = b"ply\nformat binary_little_endian 1.0\nelement vertex %d\nproperty float 
         (content("a.vtk", b"", *STL), "expected a file .stl, .ply or .obj"),
         (content("a.stl", b"", "--unit", "inch", "--size", "20um", "--surface"), "expected one of m, mm, um, nm"),
         (content("a.stl", b"", "--unit", "mm", "--size", "20 Pa", "--surface"), "size: expected a length"),
+        (content("a.stl", b"", "--unit", "mm", "--size", "-3um", "--surface"), "size: expected a .*got '?-3um"),
+        (content("a.stl", b"", "--unit", "mm", "--size", "0", "--surface"), "size: expected a .*got '?0"),
+        (content("a.stl", b"", "--unit", "mm", "--size", "nan", "--surface"), "size: expected a .*got '?nan"),
         (content("a.stl", b"", "--size", "20um", "--surface"), "surface: expected --unit"),
         (lambda folder: ("--size", "20um"), "expected one of them, --surface FILE.stl or --labels FILE.tif"),
         (lambda folder: (*STL, folder / "none.stl"), "no such file"),
