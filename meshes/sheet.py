@@ -1,7 +1,7 @@
 """Sheets of structured hexahedra as gmsh files (format 4.1, m), for ``dd_macro.read_msh``.
 
 Named sides as in ``dd_macro.SIDES``: left, right (x), bottom, top (y), back, front (z); and hole, where there is
-one. They keep their names when the sheet is tapered or bent.
+one. They keep their names when the sheet is tapered or bent. Only a sheet with a whole hole needs gmsh.
 """
 
 from __future__ import annotations
@@ -14,56 +14,123 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meshes.mapped import Elements, Masks, RegionOf, Size, check_box, write_mapped
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import atomic_path
 
-__all__ = ["curved_sheet", "flat_sheet", "sheet_with_hole", "tapered_sheet"]
+__all__ = ["box_with_inclusion", "curved_sheet", "flat_sheet", "quarter_with_hole", "sheet_with_hole", "tapered_sheet"]
 
 Array = NDArray[np.float64]
-Size = tuple[float, float, float]
-Elements = tuple[int, int, int]
 
 
-def flat_sheet(path: str | Path, *, elements: Elements, size: Size) -> None:
+def flat_sheet(path: str | Path, *, elements: Elements, size: Size, region: RegionOf | None = None) -> None:
     """Write the box [0, Lx] x [0, Ly] x [0, Lz] of nx x ny x nz hexahedra; size in m.
 
+    ``region`` names the volume of every cell by its centre, all ``sheet`` if it is not given.
+
     Raises:
-        InputError: counts or lengths that are not positive, gmsh missing, or the folder cannot be written.
+        InputError: counts or lengths that are not positive, not one name a cell, or the folder cannot be written.
     """
-    _write_mapped(path, elements, size, lambda x: x)
+    write_mapped(path, elements, size, lambda x: x, region=region)
 
 
-def tapered_sheet(path: str | Path, *, elements: Elements, size: Size, thickness_ratio: float) -> None:
+def tapered_sheet(
+    path: str | Path, *, elements: Elements, size: Size, thickness_ratio: float, region: RegionOf | None = None
+) -> None:
     """Write a sheet whose thickness goes linearly from Lz on the left to thickness_ratio * Lz on the right.
 
     Raises:
         InputError: as :func:`flat_sheet`, or thickness_ratio <= 0.
     """
-    if not (np.isfinite(thickness_ratio) and thickness_ratio > 0):
-        raise InputError(f"thickness_ratio: expected a positive number, got {thickness_ratio}")
-
-    def taper(x: Array) -> Array:
-        y = x.copy()
-        y[:, 2] *= 1.0 + (thickness_ratio - 1.0) * x[:, 0] / size[0]
-        return y
-
-    _write_mapped(path, elements, size, taper)
+    write_mapped(path, elements, size, _taper(size, thickness_ratio), region=region)
 
 
-def curved_sheet(path: str | Path, *, elements: Elements, size: Size, radius: float) -> None:
+def curved_sheet(
+    path: str | Path,
+    *,
+    elements: Elements,
+    size: Size,
+    radius: float,
+    thickness_ratio: float = 1.0,
+    region: RegionOf | None = None,
+) -> None:
     """Write a sheet bent about an axis along y: part of a cylinder whose inner (back) face has the radius, in m.
 
+    It is tapered before that; ``region`` sees centres of cells of the flat sheet.
+
     Raises:
-        InputError: as :func:`flat_sheet`, or a radius so small that the sheet would close on itself.
+        InputError: as :func:`tapered_sheet`, or a radius so small that the sheet would close on itself.
     """
+    check_box(elements, size)
     if not (np.isfinite(radius) and radius > 0 and size[0] < 2 * np.pi * radius):
         raise InputError(f"radius: expected more than Lx / (2 pi) = {size[0] / (2 * np.pi):.3g} m, got {radius}")
+    taper = _taper(size, thickness_ratio)
 
-    def bend(x: Array) -> Array:
+    def bend(flat: Array) -> Array:
+        x = taper(flat)
         angle, r = (x[:, 0] - size[0] / 2) / radius, radius + x[:, 2]
         return np.column_stack([r * np.sin(angle), x[:, 1], r * np.cos(angle)])
 
-    _write_mapped(path, elements, size, bend)
+    write_mapped(path, elements, size, bend, region=region)
+
+
+def box_with_inclusion(
+    path: str | Path, *, elements: Elements, size: Size, radius: float, centre: Size | None = None
+) -> None:
+    """Write a box whose cells within the radius, in m, of the centre are the region ``inclusion``, others ``matrix``.
+
+    The centre is that of the box if not given; a cell is where its own centre is.
+
+    Raises:
+        InputError: as :func:`flat_sheet`, or an inclusion that holds no cell, or all.
+    """
+    check_box(elements, size)
+    middle = np.array(size) / 2 if centre is None else np.asarray(centre, dtype=float)
+
+    def region(x: Array) -> NDArray[np.str_]:
+        inside = np.linalg.norm(x - middle, axis=1) <= radius
+        if not inside.any() or inside.all():
+            raise InputError(f"radius: expected some of {len(x)} cells inside, got {int(inside.sum())} in {radius} m")
+        return np.where(inside, "inclusion", "matrix")
+
+    write_mapped(path, elements, size, lambda x: x, region=region)
+
+
+def quarter_with_hole(path: str | Path, *, elements: Elements, size: Size, radius: float) -> None:
+    """Write the quarter x > 0, y > 0 of a sheet with a round hole of the radius, in m, at the origin.
+
+    ``left`` (x = 0) and ``bottom`` (y = 0) are its planes of symmetry; ``size`` is that of the quarter. ``elements`` =
+    (along each half of the arc, from the hole outwards, through the thickness).
+
+    Raises:
+        InputError: as :func:`flat_sheet`, or a hole that does not fit.
+    """
+    check_box(elements, size)
+    if not 0 < radius < min(size[:2]):
+        raise InputError(f"radius: expected between 0 and the shorter side, {min(size[:2]):.3g} m, got {radius}")
+    around, outwards, layers = elements
+    width, height, _ = size
+
+    def move(x: Array) -> Array:
+        along, out = x[:, 0], x[:, 1]  # 0 .. 2 from the plane x = 0 to y = 0; 0 .. 1 outwards
+        angle = 0.25 * np.pi * (2.0 - along)
+        inner = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+        outer = np.column_stack([width * along.clip(max=1.0), height * (2.0 - along).clip(max=1.0)])
+        return np.column_stack([inner + out[:, None] * (outer - inner), x[:, 2]])
+
+    def sides(box: Masks, centre: Array) -> Masks:
+        far = box["top"]
+        return {
+            "left": box["left"],
+            "right": far & (centre[:, 0] > 1.0),
+            "bottom": box["right"],
+            "top": far & (centre[:, 0] < 1.0),
+            "back": box["back"],
+            "front": box["front"],
+            "hole": box["bottom"],
+        }
+
+    write_mapped(path, (2 * around, outwards, layers), (2.0, 1.0, size[2]), move, sides=sides)
 
 
 def sheet_with_hole(path: str | Path, *, elements: Elements, size: Size, radius: float) -> None:
@@ -74,7 +141,7 @@ def sheet_with_hole(path: str | Path, *, elements: Elements, size: Size, radius:
     Raises:
         InputError: as :func:`flat_sheet`, or a hole that does not fit.
     """
-    _check(elements, size)
+    check_box(elements, size)
     if not 0 < radius < 0.5 * min(size[:2]):
         raise InputError(
             f"radius: expected between 0 and half the shorter side, {0.5 * min(size[:2]):.3g} m, got {radius}"
@@ -109,55 +176,19 @@ def sheet_with_hole(path: str | Path, *, elements: Elements, size: Size, radius:
             sides[name] = [made[3][1]]
             sides["hole"].append(made[5][1])
         geo.synchronize()
-        _name_and_write(gmsh, path, sides, volumes, lambda x: x)
+        _name_and_write(gmsh, path, sides, volumes)
 
 
-def _write_mapped(path: str | Path, elements: Elements, size: Size, move: Callable[[Array], Array]) -> None:
-    """A structured box whose nodes (n, 3) are then moved."""
-    _check(elements, size)
-    with _gmsh() as gmsh:
-        geo = gmsh.model.geo
-        corners = [geo.addPoint(x, y, 0) for x, y in ((0, 0), (size[0], 0), size[:2], (0, size[1]))]
-        lines = [geo.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
-        back = geo.addPlaneSurface([geo.addCurveLoop(lines)])
-        for i, line in enumerate(lines):
-            geo.mesh.setTransfiniteCurve(line, elements[i % 2] + 1)
-        geo.mesh.setTransfiniteSurface(back)
-        geo.mesh.setRecombine(2, back)
-        made = geo.extrude([(2, back)], 0, 0, size[2], numElements=[elements[2]], recombine=True)
-        geo.synchronize()
-        tags = [tag for _, tag in made]
-        sides = dict(
-            zip(("front", "bottom", "right", "top", "left"), ([tags[i]] for i in (0, 2, 3, 4, 5)), strict=True)
-        )
-        _name_and_write(gmsh, path, {"back": [back], **sides}, [tags[1]], move)
-
-
-def _name_and_write(
-    gmsh: Any, path: str | Path, sides: dict[str, list[int]], volumes: list[int], move: Callable[[Array], Array]
-) -> None:
+def _name_and_write(gmsh: Any, path: str | Path, sides: dict[str, list[int]], volumes: list[int]) -> None:
     model = gmsh.model
     for name, surfaces in sides.items():
         model.addPhysicalGroup(2, surfaces, name=name)
     model.addPhysicalGroup(3, volumes, name="sheet")
     model.mesh.generate(3)
-    tags, x, _ = model.mesh.getNodes()
-    before = x.reshape(-1, 3)
-    after = move(before)
-    if not np.array_equal(before, after):
-        for tag, point in zip(tags, after, strict=True):
-            model.mesh.setNode(tag, point, [])
     with atomic_path(path) as temporary:
         gmsh.write(str(temporary))
         if not temporary.read_bytes().endswith(b"$EndElements\n"):  # gmsh does not tell of a full disk
             raise OSError("gmsh could not write all of it")
-
-
-def _check(elements: Elements, size: Size) -> None:
-    if len(elements) != 3 or any(int(n) != n or n < 1 for n in elements):
-        raise InputError(f"elements: expected three positive integers, got {elements}")
-    if len(size) != 3 or not all(np.isfinite(s) and s > 0 for s in size):
-        raise InputError(f"size: expected three positive lengths in m, got {size}")
 
 
 @contextlib.contextmanager
@@ -174,3 +205,14 @@ def _gmsh() -> Iterator[Any]:
         yield gmsh
     finally:
         gmsh.finalize()
+
+
+def _taper(size: Size, thickness_ratio: float) -> Callable[[Array], Array]:
+    """How nodes of the flat sheet move; raises InputError where thickness_ratio <= 0."""
+    if not (np.isfinite(thickness_ratio) and thickness_ratio > 0):
+        raise InputError(f"thickness_ratio: expected a positive number, got {thickness_ratio}")
+
+    def taper(x: Array) -> Array:
+        return x * np.column_stack([*np.ones((2, len(x))), 1.0 + (thickness_ratio - 1.0) * x[:, 0] / size[0]])
+
+    return taper

@@ -40,6 +40,8 @@ class VoxelBody:
     faces: Ints
     towards: Ints
     """Of every outer face (k,): the number in SIDES of the side that it looks to."""
+    owner: Ints
+    """Of every outer face (k,): its element."""
 
     def sides(self) -> dict[str, Mask]:
         """Outer faces (k,) of ``surface``, all of them, and of SIDES, those in the outermost planes of the body."""
@@ -79,15 +81,16 @@ def voxel_body(blocks: ArrayLike, *, refine: int = 1) -> VoxelBody:
     corners = ((elements[:, None] + _CORNERS) @ step).reshape(-1)
     used, cells = np.unique(corners, return_inverse=True)
     cells = cells.reshape(-1, 8)
-    faces, towards = [], []
+    owner, faces, towards = [], [], []
     for side, face in enumerate(_FACES):
         axis, upper = divmod(side, 2)
         beside = number + (step[axis] if upper else -step[axis])
         outer = ordered[np.searchsorted(ordered, beside).clip(max=len(ordered) - 1)] != beside
+        owner.append(np.flatnonzero(outer))
         faces.append(cells[outer][:, face])
         towards.append(np.full(int(outer.sum()), side))
     nodes = np.stack(np.unravel_index(used, span), axis=1) + refine * np.array(low)
-    return VoxelBody(nodes, cells, np.concatenate(faces), np.concatenate(towards))
+    return VoxelBody(nodes, cells, np.concatenate(faces), np.concatenate(towards), np.concatenate(owner))
 
 
 def check_region(name: str, numbers: ArrayLike, voxels: int) -> Ints:

@@ -29,7 +29,7 @@ from tsg_micro.data.errors import InputError
 from tsg_micro.data.figure_style import MICRO, STYLE, finite, new_figure
 from tsg_micro.figures.sheet import cased_lines, force_scale, frame, member_segments, scale_bar, triad
 
-__all__ = ["RENDERERS", "View", "choose_renderer", "plot_structure", "plot_views"]
+__all__ = ["RENDERERS", "View", "camera_of", "choose_renderer", "plot_structure", "plot_views"]
 
 Array = NDArray[np.float64]
 
@@ -103,7 +103,7 @@ def plot_views(
     if not views or len({view.force is None for view in views}) != 1:
         raise InputError("views: expected at least one, and forces in all of them or in none")
     renderer = choose_renderer(renderer)
-    camera = _camera(azimuth, elevation)
+    camera = camera_of(azimuth, elevation)
     few = len(structure.members) <= _CLOSE
     ends = [MICRO * member_segments(structure, view.displacement) @ camera for view in views]
     everywhere: Array = np.concatenate(ends).reshape(-1, 3)
@@ -142,7 +142,7 @@ def plot_views(
     return figure
 
 
-def _camera(azimuth: float, elevation: float) -> Array:
+def camera_of(azimuth: float, elevation: float) -> Array:
     """Columns right, up and towards the eye (3, 3) for angles in degrees."""
     a, e = np.radians(azimuth), np.radians(elevation)
     right = np.array([-np.sin(a), np.cos(a), 0.0])

@@ -79,7 +79,7 @@ def test_volume_and_area_of_the_sheet_with_a_hole(distorted, comm):
 
 
 @pytest.mark.parametrize("kind", ["flat_sheet", "tapered_sheet", "curved_sheet"])
-def test_sheets_have_their_volume_and_sides(comm, folder, gmsh, kind):
+def test_sheets_have_their_volume_and_sides(comm, folder, kind):
     more = {"tapered_sheet": {"thickness_ratio": 0.5}, "curved_sheet": {"radius": 1e-4}}.get(kind, {})
     volume = {"flat_sheet": 1.0, "tapered_sheet": 0.75, "curved_sheet": 1.1}[kind] * 4e-13
     path = folder / "sheet.msh"

@@ -51,6 +51,28 @@ FINITE = (
     .replace("operator, result,", "operator, dd_macro.in_space(result),")
 )
 
+VOXELS = """
+import sys
+import dd_macro
+import numpy as np
+from mpi4py import MPI
+
+places = np.stack(np.unravel_index(np.arange(120), (6, 5, 4)), axis=1)
+places = places[(places > 0).any(axis=1) & ((places < (3, 3, 2)).any(axis=1))]
+core = np.flatnonzero((places[:, 0] > 3) & (places[:, 1] > 1))
+mesh = dd_macro.voxel_mesh(MPI.COMM_WORLD, places, edge=2e-5, regions={"core": core})
+operator = dd_macro.StrainOperator(mesh)
+held = [dd_macro.Displacement("bottom"), dd_macro.Displacement("right", (1e-6,), (0,))]
+loads = [dd_macro.Traction("surface", (3.0, 2.0, 1.0))]
+law = dd_macro.LinearLaw(dd_macro.isotropic(young=1e3, poisson=0.3).C, np.zeros(6))
+result = dd_macro.solve_law(operator, law, held, loads)
+cells = mesh.regions["core"]
+strain = result.mechanical.strain.reshape(mesh.owned_cells, -1, 6).mean(axis=1)[cells[cells < mesh.owned_cells]]
+core = mesh.comm.allreduce(strain.sum(axis=0))
+if mesh.comm.rank == 0:
+    print(*core)
+"""
+
 FAIL = """
 import sys
 import dd_macro
@@ -106,6 +128,13 @@ def test_same_answer_on_1_2_and_3_ranks(script, run, tmp_path):
         scale = np.abs(fields[0].mechanical_stress).max()
         np.testing.assert_allclose(read.mechanical_stress, fields[0].mechanical_stress, atol=1e-9 * scale)
         np.testing.assert_allclose(read.local_distance, fields[0].local_distance, rtol=1e-6, atol=1e-9)
+
+
+def test_voxels_and_their_regions_are_the_same_on_1_2_and_3_ranks(run):
+    first, *others = [np.array(run(ranks, VOXELS).split()[-6:], dtype=float) for ranks in (1, 2, 3)]
+    assert np.abs(first).max() > 1e-3
+    for other in others:
+        np.testing.assert_allclose(other, first, atol=1e-8 * np.abs(first).max(), rtol=0)
 
 
 def test_an_error_on_one_rank_is_raised_on_all(run):

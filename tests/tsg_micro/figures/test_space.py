@@ -15,8 +15,10 @@ from tsg_micro.cells.structure import from_arrays
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.figure_style import save_figure
 from tsg_micro.data.series import write_pvd
+from tsg_micro.data.voxels import voxel_body
 from tsg_micro.figures.sheet import FORCE
 from tsg_micro.figures.space import View, choose_renderer, plot_structure, plot_views
+from tsg_micro.figures.voxels import plot_voxels
 
 PARAMETERS = CellParameters()
 needs_pyvista = pytest.mark.skipif(choose_renderer() != "pyvista", reason="no pyvista that renders here")
@@ -172,3 +174,23 @@ def test_time_series(tmp_path):
     with pytest.raises(InputError, match=r"ends in \.pvd"):
         write_pvd(tmp_path / "run.xml", [(0.0, "a")])
     assert [path.name for path in tmp_path.iterdir()] == ["run.pvd"]
+
+
+def test_voxels_are_drawn_to_scale_and_the_near_eighth_shows_the_inside(tmp_path):
+    body = voxel_body(box_cells(4, 4, 4))
+    one = plot_voxels(body, 1e-5, np.zeros(64), ["body"], azimuth=-90.0, elevation=0.0)
+    (faces,) = one.axes[0].collections
+    corners = np.concatenate([path.vertices for path in faces.get_paths()])
+    assert len(faces.get_paths()) == 16  # along y, the faces of one side alone
+    np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)], [[0, 0], [40, 40]], atol=1e-9)
+    inner = ((body.nodes[body.cells[:, 0]] >= 1) & (body.nodes[body.cells[:, 0]] <= 2)).all(axis=1)
+    two = plot_voxels(body, 1e-5, inner.astype(int), ["outside", "inside"])
+    assert [text.get_text() for text in two.legends[0].get_texts()] == ["outside", "inside"]
+    (faces,) = two.axes[0].collections
+    assert len(faces.get_paths()) == 3 * 16  # of the cube: what is cut off three sides is seen further in
+    orange = [colour[0] > colour[2] for colour in faces.get_facecolors()]
+    assert sum(orange) == 3  # one of each of the three cuts
+    save_figure(two, tmp_path / "body.png")
+    assert imread(tmp_path / "body.png")[..., :3].std() > 0.05
+    with pytest.raises(InputError, match="edge, regions: expected a positive length"):
+        plot_voxels(body, -1.0, np.zeros(64), ["body"])

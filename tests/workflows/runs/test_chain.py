@@ -138,7 +138,6 @@ def test_odd_but_legal_scenes(scene, chain, tsgdd, read_summary, tmp_path):
 
 
 def test_a_gmsh_mesh_is_the_same_as_elements(chain, tsgdd, read_summary, tmp_path):
-    pytest.importorskip("gmsh", exc_type=ImportError)
     from meshes.sheet import flat_sheet
 
     flat_sheet(tmp_path / "sheet.msh", elements=(4, 4, 1), size=(4 * BLOCK, 4 * BLOCK, BLOCK))
