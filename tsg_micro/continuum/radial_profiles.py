@@ -80,33 +80,23 @@ class RadialStress:
 
 
 def radial_stress(structure: Structure, displacement: Array, members: MemberState, prestress: Array) -> RadialStress:
-    """Radial stress of every block of a lattice.
+    """Radial stress of every block of a lattice, with ``prestress`` (m, 2) in N as :func:`block_fields` has it.
 
-    A tendon between two cells carries what each had at rest, ``prestress`` (m, 2) in N in the order of
-    ``member_cells``; what has been added since is shared in halves. So a cell in self-equilibrium has no stress, next
-    to whatever neighbour: counted in halves throughout, blocks of different bar force would have some before any load.
+    Counted in halves throughout, blocks of different bar force have some before any load.
     """
-    owned = structure.member_cells >= 0
-    added = (members.force - prestress.sum(axis=1)) / owned.sum(axis=1)
-    fields = block_fields(structure, displacement, members)
-    tau = np.zeros_like(fields.kirchhoff)
-    position = np.zeros((len(tau), 3))
+    halves = block_fields(structure, displacement, members)
+    fields = block_fields(structure, displacement, members, prestress=prestress)
+    position = np.zeros((len(structure.blocks), 3))
     moved = structure.nodes + displacement
     for side in (0, 1):
-        own = owned[:, side]
-        block = structure.cell_block[structure.member_cells[own, side]]
-        d = members.vector[own]
-        density = (prestress[own, side] + added[own]) / members.length[own]
-        np.add.at(tau, block, density[:, None, None] * d[:, :, None] * d[:, None, :])
-        bar = structure.bars[own]  # the cells' bars stand for their nodes
-        np.add.at(position, block[bar], moved[structure.members[own][bar]].mean(axis=1))
-    cells = np.bincount(structure.cell_block)
-    tau /= (cells * structure.height**3)[:, None, None]
-    position /= unit_of(structure).bars.sum() * cells[:, None]
+        bar = structure.bars & (structure.member_cells[:, side] >= 0)  # the cells' bars stand for their nodes
+        block = structure.cell_block[structure.member_cells[bar, side]]
+        np.add.at(position, block, moved[structure.members[bar]].mean(axis=1))
+    position /= unit_of(structure).bars.sum() * np.bincount(structure.cell_block)[:, None]
     position -= position.mean(axis=0)
     n = position / np.maximum(np.linalg.norm(position, axis=1, keepdims=True), 1e-300)
     J = np.linalg.det(fields.F)
-    along = [np.einsum("ba,bac,bc->b", n, stress, n) for stress in (tau, fields.kirchhoff)]
+    along = [np.einsum("ba,bac,bc->b", n, stress, n) for stress in (fields.kirchhoff, halves.kirchhoff)]
     return RadialStress(along[0], along[0] / J, along[1] / J, J, position)
 
 
