@@ -19,7 +19,16 @@ from tsg_micro.cells.structure import Structure, member_vectors, unit_of
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.data.errors import InputError
 
-__all__ = ["Faces", "VoxelBody", "body_forces", "build_voxel_body", "count_nodes", "outer_faces", "traction_forces"]
+__all__ = [
+    "Faces",
+    "VoxelBody",
+    "body_forces",
+    "build_voxel_body",
+    "cell_faces",
+    "count_nodes",
+    "outer_faces",
+    "traction_forces",
+]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -43,6 +52,11 @@ class VoxelBody:
     def position(self) -> Array:
         """Coordinates of the nodes (n, 3), m."""
         return self.origin + self.structure.nodes
+
+    @property
+    def cell_midpoint(self) -> Array:
+        """Of every cell (c, 3), m."""
+        return self.origin + self.structure.height * (self.structure.cells + 0.5)
 
 
 def build_voxel_body(
@@ -176,12 +190,12 @@ def traction_forces(body: VoxelBody, faces: Faces, traction: Callable[[Array], A
 
 
 def body_forces(body: VoxelBody, density: Array) -> Array:
-    """Dead nodal forces (n, 3), N, of a force per volume ``density`` (b, 3), N/m^3, in each of ``structure.blocks``.
+    """Dead nodal forces (n, 3), N, of a force per volume ``density`` (c, 3), N/m^3, in each of ``structure.cells``.
 
     The nodes of a cell share that of its volume equally; their midpoint is that of the cell.
     """
     structure = body.structure
-    share = density[structure.cell_block] * structure.height**3 / len(unit_of(structure).nodes)
+    share = density * structure.height**3 / len(unit_of(structure).nodes)
     forces = np.zeros_like(structure.nodes)
     for node in structure.cell_nodes.T:
         np.add.at(forces, node, share)

@@ -26,7 +26,9 @@ from tsg_micro.equilibrium.surface import enclosed_volume, outer_surface
 __all__ = ["LoadedBody", "VoxelLoads"]
 
 Array = NDArray[np.float64]
-_BALANCED = 1e-9
+_BALANCED = 1e-6
+"""Of all forces, what their resultant may be on a body that is free."""
+_HELD = 1e-9
 
 
 @dataclass(frozen=True)
@@ -109,11 +111,17 @@ class LoadedBody:
         gradient = system.gradient(system.state(self.solver.y))[: system.nodal_size]
         return np.asarray((gradient - self.solver.force).reshape(-1, 3))
 
-    def enclosed_volume(self) -> float | None:
-        """Inside the surface that a pressure follows, where the body stands, m^3."""
+    def enclosed_volume_change(self) -> float | None:
+        """Of the volume inside the surface that a pressure follows, over that at rest; None where there is none."""
         if self.surface is None:
             return None
-        return enclosed_volume(self.surface, self.body.structure.nodes + self.displacement)
+        rest = self.body.structure.nodes
+        return enclosed_volume(self.surface, rest + self.displacement) / enclosed_volume(self.surface, rest) - 1.0
+
+    def stored_energy(self) -> float:
+        """Of the members, where the body stands, J."""
+        system = self.solver.system
+        return system.law.energy(self.members.length, system.rest_length, system.material)
 
 
 def _check_parts(structure: Structure, fixed: NDArray[np.bool_]) -> None:
@@ -128,7 +136,7 @@ def _check_parts(structure: Structure, fixed: NDArray[np.bool_]) -> None:
         own = part == number
         seen = (modes[:, own] * fixed[own]).reshape(6, -1)
         size = (modes[:, own] ** 2).reshape(6, -1)
-        if np.linalg.matrix_rank(seen @ seen.T / size.sum(), tol=_BALANCED, hermitian=True) < 6:
+        if np.linalg.matrix_rank(seen @ seen.T / size.sum(), tol=_HELD, hermitian=True) < 6:
             raise InputError(f"blocks: expected one connected body, or all parts held, got {parts} parts, one not held")
 
 

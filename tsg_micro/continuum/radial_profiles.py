@@ -16,11 +16,13 @@ __all__ = [
     "PROFILES",
     "RadialProfile",
     "RadialStress",
+    "ball_radius",
     "bar_force_profile",
     "block_radius",
     "core_over_rim",
     "radial_profile",
     "radial_stress",
+    "shell_count",
 ]
 
 Array = NDArray[np.float64]
@@ -128,3 +130,19 @@ def core_over_rim(r: Array, values: Array) -> float | None:
     rim = r > min(_RIM, (1.0 - 1e-9) * r.max())
     below = float(values[rim].mean())
     return float(values[core].mean()) / below if below else None
+
+
+def ball_radius(midpoint: Array, edge: float) -> float | None:
+    """Radius R (m) of the ball that cubes with these midpoints (b, 3) and ``edge`` (m) make up, None if it is none.
+
+    R is that of a ball of the same volume. Of all bodies of one volume the ball has the least mean square distance
+    from its middle, 3/5 R^2; a body within 4 % of it (a cube has 8 % more) is taken for one.
+    """
+    R = edge * np.cbrt(len(midpoint) * 0.75 / np.pi)
+    square = ((midpoint - midpoint.mean(axis=0)) ** 2).sum(axis=1).mean() + 0.25 * edge**2
+    return float(R) if square < 1.04 * 0.6 * R**2 else None
+
+
+def shell_count(radius: float, edge: float) -> int:
+    """Number of shells of a profile, each 0.625 blocks of this ``edge`` thick."""
+    return max(3, round(1.6 * radius / edge))
