@@ -14,7 +14,6 @@ from tsg_micro.data.figure_style import (
     MICRO,
     STYLE,
     aspect_ratio,
-    colour_bar,
     draw_field,
     finite,
     limits,
@@ -66,5 +65,5 @@ def plot_slices(
                 drawn = draw_field(axes, outline, field[blocks], ends, cmap)
                 axes.set_title(f"{title}, ${across}$ = {MICRO * place:.4g} µm")
                 axes.set(xlabel="$x$ / µm", ylabel=f"${up}$ / µm")
-                colour_bar(figure, drawn, axes, fields[title][1])
+            figure.colorbar(drawn, ax=list(row), label=fields[title][1], aspect=25)
     return figure

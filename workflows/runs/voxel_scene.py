@@ -70,9 +70,9 @@ class VoxelScene:
         corners = [_corners(faces, self.body.structure.height) for faces in sides]
         keys, of = np.unique(np.concatenate([c.reshape(-1, 3) for c in corners]), axis=0, return_inverse=True)
         each = np.split(of.reshape(-1, 4), np.cumsum([len(faces) for faces in sides])[:-1])
-        shared = each[0]
+        shared: Ints = each[0]
         for one in each[1:]:
-            shared = np.intersect1d(shared, one)
+            shared = np.asarray(np.intersect1d(shared, one))
         if len(shared) == 0:
             raise InputError(f"sides of the mesh: expected nodes on all of {', '.join(side)}, got none")
         found = []
