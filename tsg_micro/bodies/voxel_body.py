@@ -20,10 +20,10 @@ from tsg_micro.cells.tissue import Tissue
 from tsg_micro.data.errors import InputError
 
 __all__ = [
+    "BlockBody",
     "Faces",
-    "VoxelBody",
     "body_forces",
-    "build_voxel_body",
+    "build_block_body",
     "cell_faces",
     "count_nodes",
     "outer_faces",
@@ -36,7 +36,7 @@ _GAUSS = 0.5 / np.sqrt(3.0)
 
 
 @dataclass(frozen=True)
-class VoxelBody:
+class BlockBody:
     """The prestressed body; coordinates of its structure are those of the lattice, ``origin`` is where that stands."""
 
     tissue: Tissue
@@ -59,9 +59,9 @@ class VoxelBody:
         return self.origin + self.structure.height * (self.structure.cells + 0.5)
 
 
-def build_voxel_body(
+def build_block_body(
     tissue: Tissue, blocks: ArrayLike, bar_force: ArrayLike, *, origin: Array | None = None
-) -> VoxelBody:
+) -> BlockBody:
     """The body of 2x2x2-cell blocks at the lattice indices ``blocks`` (b, 3), each with a ``bar_force`` (b,) in N.
 
     Members that two cells share carry the sum of what both give them, so every cell is in balance at rest. All else is
@@ -85,7 +85,7 @@ def build_voxel_body(
     length = np.linalg.norm(member_vectors(raw), axis=1)
     prestress = force_density_of_owners(raw, tissue.cell, of_cells) * length[:, None]
     place = np.zeros(3) if origin is None else np.asarray(origin, dtype=float)
-    return VoxelBody(tissue, prestressed(raw, tissue.cell, of_cells), force, prestress, place)
+    return BlockBody(tissue, prestressed(raw, tissue.cell, of_cells), force, prestress, place)
 
 
 def _neighbours(blocks: Ints) -> NDArray[np.bool_]:
@@ -158,7 +158,7 @@ def outer_faces(structure: Structure) -> Ints:
     return np.argwhere(~_neighbours(structure.blocks))
 
 
-def traction_forces(body: VoxelBody, faces: Faces, traction: Callable[[Array], Array]) -> Array:
+def traction_forces(body: BlockBody, faces: Faces, traction: Callable[[Array], Array]) -> Array:
     """Dead nodal forces (n, 3), N, of a ``traction`` in Pa: a function of coordinates (m, 3) in m that gives (m, 3).
 
     With d_i the nodes of a face from their mean, d_g its Gauss points (2 x 2) and t_g the traction there,
@@ -189,7 +189,7 @@ def traction_forces(body: VoxelBody, faces: Faces, traction: Callable[[Array], A
     return forces
 
 
-def body_forces(body: VoxelBody, density: Array) -> Array:
+def body_forces(body: BlockBody, density: Array) -> Array:
     """Dead nodal forces (n, 3), N, of a force per volume ``density`` (c, 3), N/m^3, in each of ``structure.cells``.
 
     The nodes of a cell share that of its volume equally; their midpoint is that of the cell.

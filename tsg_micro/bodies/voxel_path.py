@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from tsg_micro.bodies.voxel_body import VoxelBody
+from tsg_micro.bodies.voxel_body import BlockBody
 from tsg_micro.cells.structure import Structure
 from tsg_micro.data.errors import InputError
 from tsg_micro.equilibrium.load_path import Equilibrium, EquilibriumSolver
@@ -52,7 +52,7 @@ class LoadedBody:
     as long as the loads have no resultant along them.
     """
 
-    def __init__(self, body: VoxelBody, loads: VoxelLoads, *, free: bool = False, linear_solver: str = "auto") -> None:
+    def __init__(self, body: BlockBody, loads: VoxelLoads, *, free: bool = False, linear_solver: str = "auto") -> None:
         """Raises InputError: a body that is free to move, or in parts, or loads that would move it, or bad shapes."""
         structure = body.structure
         _check_parts(structure, loads.fixed)

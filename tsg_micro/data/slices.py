@@ -61,9 +61,9 @@ def plot_slices(
         grid = figure.subplots(len(fields), 2, squeeze=False)
         for row, (title, field) in zip(grid, values.items(), strict=True):
             ends = limits([f[blocks] for f in (values.values() if same else [field]) for blocks, *_ in slices])
-            for axes, (blocks, outline, up, across, place) in zip(row, slices, strict=True):
+            for axes, (blocks, outline, upwards, normal, place) in zip(row, slices, strict=True):
                 drawn = draw_field(axes, outline, field[blocks], ends, cmap)
-                axes.set_title(f"{title}, ${across}$ = {MICRO * place:.4g} µm")
-                axes.set(xlabel="$x$ / µm", ylabel=f"${up}$ / µm")
+                axes.set_title(f"{title}, ${normal}$ = {MICRO * place:.4g} µm")
+                axes.set(xlabel="$x$ / µm", ylabel=f"${upwards}$ / µm")
             figure.colorbar(drawn, ax=list(row), label=fields[title][1], aspect=25)
     return figure

@@ -54,7 +54,7 @@ def rigid_border(structure: Structure, fixed: NDArray[np.bool_] | None = None) -
     motions = np.tensordot(free_motions(structure, fixed), rigid_motions(structure), axes=1)
     motions[:, fixed] = 0.0  # round-off
     rows = np.zeros((len(motions), 3 * n + MACRO))
-    rows[:, : 3 * n] = motions.reshape(len(motions), -1) / n
+    rows[:, : 3 * n] = motions.reshape(len(motions), 3 * n) / n
     first = int((X**2).sum(axis=1).argmax())
     second = int(((X - X[first]) ** 2).sum(axis=1).argmax())
     third = int((np.cross(X - X[first], X[second] - X[first]) ** 2).sum(axis=1).argmax())

@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 import dd_macro as dd
 from tsg_micro.bodies.voxel_body import (
+    BlockBody,
     Faces,
-    VoxelBody,
     body_forces,
-    build_voxel_body,
+    build_block_body,
     cell_faces,
     outer_faces,
     traction_forces,
@@ -39,7 +39,7 @@ class VoxelScene:
     """A body of voxels, and where its mesh's sides and cells are on the lattice."""
 
     grid: dd.VoxelGrid
-    body: VoxelBody
+    body: BlockBody
     row: Ints
     """Row in ``body.structure.blocks`` of every cell of the mesh (cells,)."""
     sides: dict[str, Faces]
@@ -104,7 +104,7 @@ def voxel_scene(domain: dd.TaggedMesh, tissue: Tissue, bar_force: ArrayLike) -> 
     force = np.asarray(bar_force, dtype=float)
     if force.shape != (len(grid.index),):
         raise InputError(f"bar_force: expected one number a cell ({len(grid.index)}), got shape {force.shape}")
-    body = build_voxel_body(tissue, grid.index, force, origin=grid.origin)
+    body = build_block_body(tissue, grid.index, force, origin=grid.origin)
     row = np.empty(len(grid.index), dtype=np.int64)
     row[np.lexsort(grid.index.T[::-1])] = np.arange(len(row))
     structure, sides = body.structure, {}
