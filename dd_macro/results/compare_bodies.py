@@ -76,7 +76,7 @@ def relative_errors(a: Array, b: Array) -> tuple[float, float] | None:
 
     Rows with b = 0 are left out of the mean.
     """
-    size, apart = (np.linalg.norm(x.reshape(len(b), -1), axis=1) for x in (b, a - b))
+    size, apart = (np.linalg.norm(x, axis=1) if x.ndim > 1 else np.abs(x) for x in (b, a - b))
     if not size.any():
         return None
     counted = size > 1e-12 * size.max()

@@ -136,11 +136,11 @@ def ball_radius(midpoint: Array, edge: float) -> float | None:
     """Radius R (m) of the ball that cubes with these midpoints (b, 3) and ``edge`` (m) make up, None if it is none.
 
     R is that of a ball of the same volume. Of all bodies of one volume the ball has the least mean square distance
-    from its middle, 3/5 R^2; a body within 4 % of it (a cube has 8 % more) is taken for one.
+    from its middle, 3/5 R^2; a body within 6 % of it (a cube has 8 % more) is taken for one.
     """
     R = edge * np.cbrt(len(midpoint) * 0.75 / np.pi)
     square = ((midpoint - midpoint.mean(axis=0)) ** 2).sum(axis=1).mean() + 0.25 * edge**2
-    return float(R) if square < 1.04 * 0.6 * R**2 else None
+    return float(R) if square < 1.06 * 0.6 * R**2 else None
 
 
 def shell_count(radius: float, edge: float) -> int:

@@ -56,14 +56,14 @@ def plot_slices(
         blocks, place = middle_slice(midpoint, edge, across)
         slices.append((blocks, midpoint[blocks][:, None, [0, up]] + corners, "xyz"[up], "xyz"[across], place))
     with mpl.rc_context(STYLE):
-        height = 1.1 + 4.4 * max(aspect_ratio(outline) for _, outline, *_ in slices)
-        figure = new_figure(12.4, height * len(fields))
+        height = 0.9 + 3.2 * max(aspect_ratio(outline) for _, outline, *_ in slices)
+        figure = new_figure(9.6, height * len(fields))
         grid = figure.subplots(len(fields), 2, squeeze=False)
         for row, (title, field) in zip(grid, values.items(), strict=True):
             ends = limits([f[blocks] for f in (values.values() if same else [field]) for blocks, *_ in slices])
             for axes, (blocks, outline, upwards, normal, place) in zip(row, slices, strict=True):
                 drawn = draw_field(axes, outline, field[blocks], ends, cmap)
-                axes.set_title(f"{title}, ${normal}$ = {MICRO * place:.4g} µm")
+                axes.set_title(f"{title}\n${normal}$ = {MICRO * place:.4g} µm", fontsize=12)
                 axes.set(xlabel="$x$ / µm", ylabel=f"${upwards}$ / µm")
             figure.colorbar(drawn, ax=list(row), label=fields[title][1], aspect=25)
     return figure

@@ -124,7 +124,8 @@ def test_a_pressure_all_around_follows_and_on_parts_is_dead():
     np.testing.assert_allclose(virial, -7.0 * 3 * EDGE**3 * np.eye(3) + flat, atol=1e-10 * EDGE**3)
 
 
-def test_a_free_body_under_pressure_and_one_that_would_fly_away(run, is_png, tmp_path):
+def test_a_free_body_under_pressure_and_one_that_would_fly_away(run, is_png, tmp_path, monkeypatch):
+    monkeypatch.setattr("tsg_micro.figures.space.choose_renderer", lambda wanted: "matplotlib")  # tubes take seconds
     domain = mesh(cube(2))
     summary = run(domain, [], [dd.Pressure("surface", 20.0)], free=True, force=2e-8, plots=True)
     assert all(is_png(tmp_path / f"{name}.png") for name in ("body", "slices"))
