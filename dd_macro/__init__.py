@@ -39,6 +39,7 @@ from dd_macro.scene.pressure import Pressure
 from dd_macro.scene.problem import Problem
 from dd_macro.scene.regions import INSIDE, Place, Regions, edge_regions
 from dd_macro.scene.spaces import GradientOperator, StrainOperator, TangentMatrix
+from dd_macro.scene.voxel_grid import VoxelGrid, voxel_grid
 from dd_macro.scene.voxels import voxel_mesh
 
 __all__ = [
@@ -99,6 +100,7 @@ __all__ = [
     "TangentMethod",
     "TangentSearch",
     "Traction",
+    "VoxelGrid",
     "Watch",
     "biot_dataset",
     "box",
@@ -124,6 +126,7 @@ __all__ = [
     "solve_law",
     "solve_second_order",
     "visited_tangent",
+    "voxel_grid",
     "voxel_mesh",
     "write_quadrature",
     "write_solution",

@@ -22,6 +22,7 @@ from tsg_micro.continuum.radial_profiles import (
     core_over_rim,
     radial_profile,
     radial_stress,
+    shell_count,
 )
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.table import Column, read_numbers
@@ -69,7 +70,7 @@ class Spheroid:
     @property
     def shells(self) -> int:
         """Number of shells of a profile, each 0.625 blocks thick."""
-        return max(3, round(0.8 * self.radius / self.structure.height))
+        return shell_count(self.radius, 2.0 * self.structure.height)
 
 
 def build_spheroid(tissue: Tissue, *, radius: float, profile: str, decay: float) -> Spheroid:

@@ -60,17 +60,28 @@ class BlockFields:
     """First Piola stress (b, 3, 3), Pa: members' forces times their reference vectors; in balance row by row."""
 
 
-def block_fields(structure: Structure, displacement: Array, members: MemberState) -> BlockFields:
-    """Deformation gradient and Kirchhoff stress of every block; members shared by two cells count half in each."""
+def block_fields(
+    structure: Structure, displacement: Array, members: MemberState, *, prestress: Array | None = None
+) -> BlockFields:
+    """Deformation gradient and stress of every block.
+
+    A member that two cells share carries in each of them the force at rest that this cell gave it, ``prestress``
+    (m, 2) in N in the order of ``member_cells``, and half of what has been added since: so a cell at rest has no
+    stress, next to whatever neighbour. Without ``prestress`` its whole force counts half in each, which is the same
+    where all cells have one bar force.
+    """
     owned = structure.member_cells >= 0
-    force = (members.force_density / owned.sum(axis=1))[:, None] * members.vector
+    own_force = np.zeros(owned.shape) if prestress is None else prestress
+    added = (members.force - own_force.sum(axis=1)) / owned.sum(axis=1)
     count = len(structure.blocks)
     current, reference = np.zeros((2, count, 3, 3))
     for side in (0, 1):
         own = owned[:, side]
         block = structure.cell_block[structure.member_cells[own, side]]
-        np.add.at(current, block, force[own, :, None] * members.vector[own, None, :])
-        np.add.at(reference, block, force[own, :, None] * member_vectors(structure)[own, None, :])
+        density = (own_force[own, side] + added[own]) / members.length[own]
+        force = density[:, None] * members.vector[own]
+        np.add.at(current, block, force[:, :, None] * members.vector[own, None, :])
+        np.add.at(reference, block, force[:, :, None] * member_vectors(structure)[own, None, :])
     cells_in_block = np.bincount(structure.cell_block, minlength=count)
     height = structure.height
     mean = np.zeros((count, 3, 3))

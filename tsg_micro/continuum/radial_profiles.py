@@ -16,11 +16,13 @@ __all__ = [
     "PROFILES",
     "RadialProfile",
     "RadialStress",
+    "ball_radius",
     "bar_force_profile",
     "block_radius",
     "core_over_rim",
     "radial_profile",
     "radial_stress",
+    "shell_count",
 ]
 
 Array = NDArray[np.float64]
@@ -80,33 +82,23 @@ class RadialStress:
 
 
 def radial_stress(structure: Structure, displacement: Array, members: MemberState, prestress: Array) -> RadialStress:
-    """Radial stress of every block of a lattice.
+    """Radial stress of every block of a lattice, with ``prestress`` (m, 2) in N as :func:`block_fields` has it.
 
-    A tendon between two cells carries what each had at rest, ``prestress`` (m, 2) in N in the order of
-    ``member_cells``; what has been added since is shared in halves. So a cell in self-equilibrium has no stress, next
-    to whatever neighbour: counted in halves throughout, blocks of different bar force would have some before any load.
+    Counted in halves throughout, blocks of different bar force have some before any load.
     """
-    owned = structure.member_cells >= 0
-    added = (members.force - prestress.sum(axis=1)) / owned.sum(axis=1)
-    fields = block_fields(structure, displacement, members)
-    tau = np.zeros_like(fields.kirchhoff)
-    position = np.zeros((len(tau), 3))
+    halves = block_fields(structure, displacement, members)
+    fields = block_fields(structure, displacement, members, prestress=prestress)
+    position = np.zeros((len(structure.blocks), 3))
     moved = structure.nodes + displacement
     for side in (0, 1):
-        own = owned[:, side]
-        block = structure.cell_block[structure.member_cells[own, side]]
-        d = members.vector[own]
-        density = (prestress[own, side] + added[own]) / members.length[own]
-        np.add.at(tau, block, density[:, None, None] * d[:, :, None] * d[:, None, :])
-        bar = structure.bars[own]  # the cells' bars stand for their nodes
-        np.add.at(position, block[bar], moved[structure.members[own][bar]].mean(axis=1))
-    cells = np.bincount(structure.cell_block)
-    tau /= (cells * structure.height**3)[:, None, None]
-    position /= unit_of(structure).bars.sum() * cells[:, None]
+        bar = structure.bars & (structure.member_cells[:, side] >= 0)  # the cells' bars stand for their nodes
+        block = structure.cell_block[structure.member_cells[bar, side]]
+        np.add.at(position, block, moved[structure.members[bar]].mean(axis=1))
+    position /= unit_of(structure).bars.sum() * np.bincount(structure.cell_block)[:, None]
     position -= position.mean(axis=0)
     n = position / np.maximum(np.linalg.norm(position, axis=1, keepdims=True), 1e-300)
     J = np.linalg.det(fields.F)
-    along = [np.einsum("ba,bac,bc->b", n, stress, n) for stress in (tau, fields.kirchhoff)]
+    along = [np.einsum("ba,bac,bc->b", n, stress, n) for stress in (fields.kirchhoff, halves.kirchhoff)]
     return RadialStress(along[0], along[0] / J, along[1] / J, J, position)
 
 
@@ -138,3 +130,19 @@ def core_over_rim(r: Array, values: Array) -> float | None:
     rim = r > min(_RIM, (1.0 - 1e-9) * r.max())
     below = float(values[rim].mean())
     return float(values[core].mean()) / below if below else None
+
+
+def ball_radius(midpoint: Array, edge: float) -> float | None:
+    """Radius R (m) of the ball that cubes with these midpoints (b, 3) and ``edge`` (m) make up, None if it is none.
+
+    R is that of a ball of the same volume. Of all bodies of one volume the ball has the least mean square distance
+    from its middle, 3/5 R^2; a body within 6 % of it (a cube has 8 % more) is taken for one.
+    """
+    R = edge * np.cbrt(len(midpoint) * 0.75 / np.pi)
+    square = ((midpoint - midpoint.mean(axis=0)) ** 2).sum(axis=1).mean() + 0.25 * edge**2
+    return float(R) if square < 1.06 * 0.6 * R**2 else None
+
+
+def shell_count(radius: float, edge: float) -> int:
+    """Number of shells of a profile, each 0.625 blocks of this ``edge`` thick."""
+    return max(3, round(1.6 * radius / edge))

@@ -129,7 +129,7 @@ def _follow(
         state = Checkpoint(result.state.displacement, (*state.done, step))
         write_checkpoint(file, state, run)
         say(
-            f"step {number} of {steps}: nominal stress {step.nominal_stress:.4g} Pa, {step.iterations} iterations, "
+            f"step {number} of {steps}: nominal stress {step.answer:.4g} Pa, {step.iterations} iterations, "
             f"{step.negative_pivots} negative pivots, {_seconds(state, resumed, begin):.0f} s"
         )
     return state, resumed
@@ -140,7 +140,7 @@ def _record(step: SheetStep, seconds: float) -> LoadStep:
     result = step.state
     assert result.negative_pivots is not None  # a stable solution has been factorised
     return LoadStep(
-        nominal_stress=step.nominal_stress,
+        answer=step.nominal_stress,
         residual=result.residual,
         iterations=result.iterations,
         factorisations=result.factorisations,
@@ -187,7 +187,7 @@ def _figures(
 
 def _stresses(state: Checkpoint) -> list[float]:
     """Nominal stress at rest and after every step, Pa."""
-    return [0.0, *(step.nominal_stress for step in state.done)]
+    return [0.0, *(step.answer for step in state.done)]
 
 
 def _draw(out: Path, body: ClampedSheet, state: Checkpoint, data: Dataset, strains: list[float]) -> None:

@@ -38,8 +38,8 @@ Array = NDArray[np.float64]
 class LoadStep(NamedTuple):
     """A recorded load step: how it ended, and what it took."""
 
-    nominal_stress: float
-    """Pa."""
+    answer: float
+    """What the run is about: the nominal stress of a sheet, Pa, or the stored energy of a body, J."""
     residual: float
     """Largest out-of-balance force over the mean member force."""
     iterations: int
