@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import traceback
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -26,11 +27,13 @@ from workflows.runs.options import (
     OutFile,
     OutOrDefault,
     Plots,
+    SceneFile,
     Strain,
     TableOptions,
     TissueOptions,
     grouped,
     report,
+    report_sides,
     say,
 )
 from workflows.runs.ranks import check_alone, leave, under_mpirun
@@ -115,6 +118,7 @@ def sample(
 @grouped
 def dns(
     *,
+    scene_file: SceneFile = None,
     out: OutOrDefault = None,
     blocks: Annotated[tuple[int, int], typer.Option(help="2x2x2-cell blocks along x and y.")] = (30, 15),
     load: HowLoaded = Load.stretch,
@@ -125,11 +129,18 @@ def dns(
     linear_solver: Annotated[str, typer.Option(help="auto, superlu, pardiso or mumps.")] = "auto",
     plots: Plots = True,
 ) -> None:
-    """Load a sheet with every bar and tendon: the reference solution.
+    """Load a sheet, or the body of a scene file, with every bar and tendon: the reference solution.
 
     A run that was cut short goes on after its last load step when the same command is given again.
     """
     check_alone("dns")
+    if scene_file is not None:
+        given: dict[str, object] = dict.fromkeys(cell.given, True)
+        given |= {"flat": flat or None, "steps": None if steps == 4 else steps}
+        given |= {"blocks": None if blocks == (30, 15) else blocks, "strain": None if strain == 0.05 else strain}
+        given |= {"load": None if load == Load.stretch else load}
+        _dns_of_file(scene_file, out or Path("results") / "dns", given, linear_solver, plots=plots)
+        return
     from workflows.runs.dns import dns as run
 
     out = out or Path("results") / f"dns-{load.value}"
@@ -147,6 +158,15 @@ def dns(
     )
     names = "dofs nominal_stress deflection row_balance newton_iterations factorisations negative_pivots seconds"
     report(summary, names, out)
+
+
+def _dns_of_file(path: Path, out: Path, given: Mapping[str, object], linear_solver: str, *, plots: bool) -> None:
+    from workflows.runs.dns_scene import dns_scene
+    from workflows.scenes.read import read_alone
+
+    summary = dns_scene(out, read_alone(path, given), linear_solver=linear_solver, plots=plots, say=say)
+    report_sides(summary)
+    report(summary, "dofs volume_change residual negative_pivots seconds", out)
 
 
 @app.command(name="import-csv")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -11,11 +12,13 @@ from workflows.runs.options import (
     Measure,
     Out,
     Plots,
+    SceneFile,
     SceneOptions,
     TissueOptions,
     WantedTissueOptions,
     grouped,
     report,
+    report_sides,
     say,
 )
 from workflows.runs.ranks import check_alone
@@ -29,7 +32,12 @@ macroscale = typer.Typer()
 @grouped
 def solve(
     *,
+    scene_file: SceneFile = None,
     out: Out,
+    method: Annotated[
+        str | None,
+        typer.Option(help="points, tangents, adaptive, FE2 or another; that of the file if not given."),
+    ] = None,
     data: Annotated[Path | None, typer.Option(help="Material data, HDF5; none are needed with --adapt.")] = None,
     scene: SceneOptions,
     metric: Annotated[
@@ -59,7 +67,14 @@ def solve(
     ] = None,
     plots: Plots = True,
 ) -> None:
-    """Data-driven solution of a sheet; runs on any number of ranks (mpirun -n N tsgdd solve ...)."""
+    """Solution of a scene file, or of a sheet by options; on any number of ranks (mpirun -n N tsgdd solve ...)."""
+    if scene_file is not None:
+        given: dict[str, object] = {"data": data, "order": order, "adapt": adapt or None, "rve_budget": rve_budget}
+        given |= {"adapt_tolerance": adapt_tolerance, "stress_measure": stress_measure}
+        given |= {"max_iterations": max_iterations, "over_relaxation": over_relaxation}
+        given |= {"metric": None if metric == "auto" else metric} | dict.fromkeys(scene.given | cell.given, True)
+        _solve_file(scene_file, out, given, method=method, plots=plots)
+        return
     from workflows.runs.adaptation import adaptation
     from workflows.runs.solve import solve as run
 
@@ -73,6 +88,7 @@ def solve(
         stress_measure=None if stress_measure is None else stress_measure.value,
         max_iterations=max_iterations,
         over_relaxation=over_relaxation,
+        method=method,
         tissue=tissue,
         adaptation=adaptation(adapt, tissue=tissue, rve_budget=rve_budget, adapt_tolerance=adapt_tolerance),
         plots=plots,
@@ -105,10 +121,26 @@ def compare(
     say(f"{'results':24} {out}")
 
 
+def _solve_file(
+    path: Path, out: Path, given: Mapping[str, object], *, method: str | None, plots: bool, command: str = "solve"
+) -> None:
+    """The scene of a file by the method, its own if None; ``given`` are the options that would say the same."""
+    from workflows.runs.solve_scene import solve_scene
+    from workflows.scenes.read import read_alone
+
+    model = read_alone(path, given, method=method)
+    summary = solve_scene(out, model, command=command, plots=plots, say=say)
+    for warning in summary["warnings"]:
+        say(f"{'warning':24} {warning}")
+    report_sides(summary)
+    report(summary, "iterations normalised_distance volume_change quadrature_points ranks seconds", out)
+
+
 @macroscale.command()
 @grouped
 def fe2(
     *,
+    scene_file: SceneFile = None,
     out: Out,
     scene: SceneOptions,
     cell: TissueOptions,
@@ -117,6 +149,14 @@ def fe2(
     plots: Plots = True,
 ) -> None:
     """FE2, an RVE at every quadrature point instead of data; on any number of ranks (mpirun -n N tsgdd fe2 ...)."""
+    if scene_file is not None:
+        given: dict[str, object] = {
+            "steps": None if steps == 1 else steps,
+            "tolerance": None if tolerance == 1e-9 else tolerance,
+        }
+        given |= dict.fromkeys(scene.given | cell.given, True)
+        _solve_file(scene_file, out, given, method="FE2", plots=plots, command="fe2")
+        return
     import dd_macro
     from workflows.runs.fe2 import fe2 as run
 

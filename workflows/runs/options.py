@@ -47,6 +47,7 @@ __all__ = [
     "OutFile",
     "OutOrDefault",
     "Plots",
+    "SceneFile",
     "SceneOptions",
     "Strain",
     "TableOptions",
@@ -54,6 +55,7 @@ __all__ = [
     "WantedTissueOptions",
     "grouped",
     "report",
+    "report_sides",
     "say",
 ]
 
@@ -118,6 +120,7 @@ class Images(StrEnum):
     duplicated = "duplicated"
 
 
+SceneFile = Annotated[Path | None, typer.Argument(help="Scene file, TOML; all of the scene is in it then.")]
 Out = Annotated[Path, typer.Option("--out", help="Output folder.")]
 OutOrDefault = Annotated[Path | None, typer.Option("--out", help="Output folder; one in results if not given.")]
 OutFile = Annotated[Path, typer.Option("--out", help="Output file, .h5.")]
@@ -327,3 +330,10 @@ def report(summary: dict[str, Any], names: str, out: Path) -> None:
         unit = units.get(name, "1")
         say(f"{name:24} {text} {'' if unit == '1' else unit}".rstrip())
     say(f"{'results':24} {out}")
+
+
+def report_sides(summary: dict[str, Any]) -> None:
+    """Forces and mean displacements of the sides of a body, a line each."""
+    for name, title, unit in (("reactions", "force on", "N"), ("displacements", "displacement of", "m")):
+        for side, value in summary.get(name, {}).items():
+            say(f"{f'{title} {side}':24} {' '.join(f'{x:.4g}' for x in value)} {unit}")

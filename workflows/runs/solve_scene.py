@@ -26,16 +26,21 @@ from workflows.scenes.model import SceneModel
 from workflows.scenes.scene import Built, build
 from workflows.store.record import drop_summary, peak_memory, write_summary
 
-__all__ = ["solve_scene"]
+__all__ = ["scene_parameters", "solve_scene"]
 
 MEASURE = "first_piola"
 """The stress that is written."""
 
 
 def solve_scene(
-    out: Path, model: SceneModel, *, plots: bool = True, say: Callable[[str], None] = lambda text: None
+    out: Path,
+    model: SceneModel,
+    *,
+    command: str = "solve",
+    plots: bool = True,
+    say: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
-    """Solve the scene in the steps of its load; all ranks of the world take part.
+    """Solve the scene in the steps of its load; all ranks of the world take part. ``command`` is for the summary.
 
     Writes quadrature.h5 and fields.vtkhdf of the last step, step-N.vtkhdf of each and fields.vtkhdf.series of all where
     there are several, data.h5 of an adaptive run, figures and, last of all, summary.json into ``out``.
@@ -60,7 +65,7 @@ def solve_scene(
     figures = run.figures() | {"seconds": (time.perf_counter() - begin, "s"), "peak_memory": (peak_memory(), "B")}
     summary = None
     if comm.rank == 0:
-        summary = write_summary(out, command="solve", parameters=_parameters(built), figures=figures)
+        summary = write_summary(out, command=command, parameters=scene_parameters(built), figures=figures)
     return comm.bcast(summary)
 
 
@@ -161,12 +166,13 @@ class _Run:
             "displacements": (last["displacements"], "m"),
             "volume_change": (last["volume_change"], "1"),
             "stress_measure": (MEASURE, ""),
+            "warnings": ([], ""),
         }
         units = {"factor": "1", "reactions": "N", "displacements": "m", "volume_change": "1", "seconds": "s"}
         return found | {f"{name}_steps": ([row[name] for row in self.rows], unit) for name, unit in units.items()}
 
 
-def _parameters(built: Built) -> dict[str, Any]:
+def scene_parameters(built: Built) -> dict[str, Any]:
     """For the summary: the scene as it was understood, in SI."""
     kinds = dict(zip(built.names, built.kinds, strict=True))
     tissues = {name: one.as_dict() for name, one in zip(built.names, built.tissues, strict=True)}

@@ -49,6 +49,11 @@ def check_same_scene(parameters: dict[str, Any], dns: Path, whose: str) -> None:
     What one of the two does not say of its tissue, as older runs, is not compared.
     """
     reference = read_summary(dns, "dns")["parameters"]
+    if ("scene" in parameters) != ("scene" in reference):
+        raise InputError(f"scene: expected two runs of one scene file, got one of none, {whose} or {dns}")
+    if "scene" in parameters:
+        _check_same_file(parameters["scene"], reference["scene"], whose, dns)
+        return
     for name in SCENE:
         a, b = parameters.get(name), reference.get(name)
         if a != b and not (name == "bar_force" and a is None):  # None: of joined or measured data
@@ -57,6 +62,27 @@ def check_same_scene(parameters: dict[str, Any], dns: Path, whose: str) -> None:
         a, b = parameters.get(name), reference.get(name)
         if a is not None and b is not None and a != b:
             raise InputError(f"tissue, {name}: expected the same in both runs, got {a} in {whose} and {b} in {dns}")
+
+
+def _check_same_file(ours: Any, theirs: Any, whose: str, dns: Path) -> None:
+    """Raise InputError where two scenes from files differ in more than how they are solved."""
+    if not isinstance(ours, dict) or not isinstance(theirs, dict):
+        raise InputError(f"scene: expected a table in the summaries of {whose} and {dns}, got something else")
+    for name in ("body", "tissue", "support", "load"):
+        a, b = (_without(scene.get(name), "refine", "data") for scene in (ours, theirs))
+        if a != b:
+            raise InputError(f"scene, {name}: expected the same in both runs, got {a} in {whose} and {b} in {dns}")
+    ends = [scene.get("solve", {}).get("steps") for scene in (ours, theirs)]
+    last = [steps[-1] if isinstance(steps, list) else 1.0 for steps in ends]
+    if last[0] != last[1]:
+        raise InputError(f"scene, load: expected the same part of it, got {last[0]} in {whose} and {last[1]} in {dns}")
+
+
+def _without(value: Any, *names: str) -> Any:
+    """The value without these keys, at any depth."""
+    if isinstance(value, dict):
+        return {key: _without(one, *names) for key, one in value.items() if key not in names}
+    return value
 
 
 def describe(dns: dict[str, Any]) -> str:

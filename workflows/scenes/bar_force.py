@@ -27,12 +27,14 @@ Array = NDArray[np.float64]
 def bar_forces(
     domain: dd.TaggedMesh, scene: SceneModel, tissues: tuple[Tissue, ...], cell_tissue: NDArray[np.int64]
 ) -> Array:
-    """f_b (cells,) in N of every owned cell, of its own tissue; collective.
+    """f_b (cells,) in N of every owned cell, of its own tissue, that of its block where it is a part of one; collective.
 
     Raises:
         InputError: a profile is not valid, or gives a force that the bars cannot carry; on all ranks.
     """
     middle = domain.mesh.geometry.x[geometry_nodes(domain.mesh)].mean(axis=1)
+    if scene.body.refine > 1:  # elements of one block are of one tissue
+        middle = (np.floor(middle / tissues[0].block) + 0.5) * tissues[0].block
     found = np.empty(len(middle))
     ends = extent(domain)
     for number, ((name, model), tissue) in enumerate(zip(scene.tissue.items(), tissues, strict=True)):

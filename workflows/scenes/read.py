@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from pydantic import ValidationError
 from tsg_micro.data.errors import InputError
 from workflows.scenes.model import SceneModel
 
-__all__ = ["read_scene", "scene_of"]
+__all__ = ["read_alone", "read_scene", "scene_of"]
 
 _LARGEST = 1_000_000
 _LONGEST = 80
@@ -35,6 +36,21 @@ def read_scene(path: str | Path) -> SceneModel:
     except (ValueError, RecursionError) as error:
         raise InputError(f"scene {path}: expected a TOML file, {error}") from None
     return scene_of(values, folder=Path(path).parent, name=str(path))
+
+
+def read_alone(path: Path, given: Mapping[str, object], *, method: str | None = None) -> SceneModel:
+    """The scene in a file, with another ``method`` if one is given; ``given`` are options that must not be: None.
+
+    Raises:
+        InputError: some of these are given, or as :func:`read_scene`.
+    """
+    beside = sorted(name for name, value in given.items() if value is not None)
+    if beside:
+        raise InputError(f"{', '.join(beside)}: expected in the scene file {path}, got it as an option")
+    model = read_scene(path)
+    if method is None:
+        return model
+    return model.model_copy(update={"solve": model.solve.model_copy(update={"method": method})})
 
 
 def scene_of(values: dict[str, Any], *, folder: Path = Path(), name: str = "scene") -> SceneModel:
