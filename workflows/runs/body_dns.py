@@ -28,7 +28,7 @@ from tsg_micro.data.dataset import write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from tsg_micro.data.mandel import pressure, to_mandel, von_mises
-from workflows.runs.voxel_scene import Load, VoxelScene, scene_loads, voxel_scene
+from workflows.runs.voxel_scene import VoxelScene, scene_loads, voxel_scene
 from workflows.store.checkpoint import (
     Checkpoint,
     LoadStep,
@@ -55,7 +55,7 @@ def body_dns(
     tissue: Tissue,
     bar_force: ArrayLike,
     supports: Sequence[dd.Displacement],
-    loads: Sequence[Load],
+    loads: Sequence[dd.Load],
     free: bool = False,
     factors: Sequence[float] = FACTORS,
     linear_solver: str = "auto",
@@ -224,9 +224,9 @@ def _radial(scene: VoxelScene, body: LoadedBody, fields: BlockFields) -> dict[st
     profile = radial_profile(block_radius(structure, radius), stress, shells=shell_count(radius, edge))
     return {
         "radius": (radius, "m"),
-        "r_over_R": (profile.r, "1"),
+        "r_over_R": (profile.r.tolist(), "1"),
         "sigma_rr": ({"mean": profile.mean.tolist(), "std": profile.std.tolist()}, "Pa"),
-        "blocks_in_shell": (profile.count, ""),
+        "blocks_in_shell": (profile.count.tolist(), ""),
     }
 
 
