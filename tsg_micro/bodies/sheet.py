@@ -25,13 +25,24 @@ from tsg_micro.equilibrium.load_path import Equilibrium, EquilibriumSolver
 from tsg_micro.equilibrium.members import MACRO, MemberState
 from tsg_micro.equilibrium.newton import NewtonOptions
 
-__all__ = ["STRETCH", "ClampedSheet", "Motion", "Sheet", "SheetStep", "Stretch", "memory_needed", "stretch_sheet"]
+__all__ = [
+    "FILL",
+    "STRETCH",
+    "ClampedSheet",
+    "Motion",
+    "Sheet",
+    "SheetStep",
+    "Stretch",
+    "memory_needed",
+    "stretch_sheet",
+]
 
 Array = NDArray[np.float64]
 Motion = tuple[float, float, float]
 """Displacement of the top side at strain 1, over the height of the sheet."""
 STRETCH: Motion = (0.0, 1.0, 0.0)
-_FILL = {"pardiso": 1.0, "mumps": 1.1, "superlu": 6.0}
+FILL = {"pardiso": 1.0, "mumps": 1.1, "superlu": 6.0}
+"""Of the factor, over that of PARDISO."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +96,7 @@ def memory_needed(unknowns: int, backend: str) -> int:
     60 Lanczos vectors and their modes, 8 B a number, of a sheet that buckles. The fill of MUMPS and of SuperLU beside
     that of PARDISO is measured for 67 thousand.
     """
-    return int(130e6 + unknowns * (200.0 * _FILL[backend] * math.log2(unknowns) + 960.0))
+    return int(130e6 + unknowns * (200.0 * FILL[backend] * math.log2(unknowns) + 960.0))
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tsg_micro.bodies.sheet import FILL
 from tsg_micro.cells.lattice import box_cells, face_nodes
 from tsg_micro.cells.prestress import force_density_of_owners, prestressed
 from tsg_micro.cells.structure import Structure, member_vectors, unit_of
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.data.errors import InputError
+from tsg_micro.equilibrium.linear_solvers import choose_backend
 
 __all__ = [
     "BlockBody",
@@ -26,6 +28,7 @@ __all__ = [
     "build_block_body",
     "cell_faces",
     "count_nodes",
+    "memory_of_body",
     "outer_faces",
     "traction_forces",
 ]
@@ -106,6 +109,23 @@ def count_nodes(tissue: Tissue, blocks: Ints) -> int:
     outer = 4 * (~_neighbours(blocks)).sum(axis=(0, 2))
     shared = (2 * cells - outer) // 2
     return int(cells * len(unit.nodes) - sum(n * len(unit.faces[axis][0]) for axis, n in enumerate(shared)))
+
+
+def memory_of_body(tissue: Tissue, blocks: Ints, linear_solver: str) -> tuple[str, int]:
+    """Linear solver that a body of ``blocks`` (b, 3) gets, and an estimate of the memory that it takes, bytes.
+
+    With n unknowns, nothing held, 200 MB + n (1000 + fill) B. In nested dissection the fill of a solid body grows as
+    140 n^(1/3) (measured: 6.0 and 8.7 kB per unknown in all for 44 and 170 thousand in a ball, with PARDISO), of one
+    that is L blocks thick as 200 L log2 n, as in a sheet; it is the smaller one.
+
+    Raises:
+        InputError: a linear solver that is not known or not installed.
+    """
+    n = 3 * count_nodes(tissue, blocks)
+    backend = choose_backend(n, linear_solver).backend
+    layers = int((np.ptp(blocks, axis=0) + 1).min())
+    fill = FILL[backend] * min(140.0 * n ** (1.0 / 3.0), 200.0 * layers * np.log2(n))
+    return backend, int(200e6 + n * (1000.0 + fill))
 
 
 @dataclass(frozen=True)

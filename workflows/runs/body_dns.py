@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import dd_macro as dd
-from tsg_micro.bodies.sheet import memory_needed
 from tsg_micro.bodies.sheet_means import block_data
-from tsg_micro.bodies.voxel_body import count_nodes
+from tsg_micro.bodies.voxel_body import memory_of_body
 from tsg_micro.bodies.voxel_path import LoadedBody
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.homogenise import BlockFields, block_fields
@@ -29,8 +28,7 @@ from tsg_micro.data.dataset import write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from tsg_micro.data.mandel import pressure, to_mandel, von_mises
-from tsg_micro.equilibrium.linear_solvers import choose_backend
-from workflows.runs.voxel_scene import Load, VoxelScene, scene_loads, voxel_scene
+from workflows.runs.voxel_scene import VoxelScene, scene_loads, voxel_scene
 from workflows.store.checkpoint import (
     Checkpoint,
     LoadStep,
@@ -57,7 +55,7 @@ def body_dns(
     tissue: Tissue,
     bar_force: ArrayLike,
     supports: Sequence[dd.Displacement],
-    loads: Sequence[Load],
+    loads: Sequence[dd.Load],
     free: bool = False,
     factors: Sequence[float] = FACTORS,
     linear_solver: str = "auto",
@@ -121,9 +119,8 @@ def _digest(*arrays: NDArray[Any]) -> str:
 
 def _check_memory(domain: dd.TaggedMesh, tissue: Tissue, linear_solver: str) -> None:
     """Raise InputError where the linear solver is not known, or the body needs more memory than is available."""
-    unknowns = 3 * count_nodes(tissue, dd.voxel_grid(domain, tissue.block).index)
-    backend = choose_backend(unknowns, linear_solver).backend
-    check_memory(f"mesh: {domain.global_cells} blocks with {backend}", memory_needed(unknowns, backend))
+    backend, needed = memory_of_body(tissue, dd.voxel_grid(domain, tissue.block).index, linear_solver)
+    check_memory(f"mesh: {domain.global_cells} blocks with {backend}", needed)
 
 
 def _follow(
@@ -227,9 +224,9 @@ def _radial(scene: VoxelScene, body: LoadedBody, fields: BlockFields) -> dict[st
     profile = radial_profile(block_radius(structure, radius), stress, shells=shell_count(radius, edge))
     return {
         "radius": (radius, "m"),
-        "r_over_R": (profile.r, "1"),
+        "r_over_R": (profile.r.tolist(), "1"),
         "sigma_rr": ({"mean": profile.mean.tolist(), "std": profile.std.tolist()}, "Pa"),
-        "blocks_in_shell": (profile.count, ""),
+        "blocks_in_shell": (profile.count.tolist(), ""),
     }
 
 

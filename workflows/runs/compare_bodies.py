@@ -66,16 +66,16 @@ def body_figures(solutions: Mapping[str, Array], blocks: Dataset) -> dict[str, t
     if radial is None:
         return figures
     sigma = radial.stress(blocks.stress)
-    figures["r_over_R"] = (radial.profile(sigma).r, "1")
-    figures["blocks_in_shell"] = (radial.profile(sigma).count, "")
-    figures["sigma_rr"] = (radial.profile(sigma).mean, "Pa")
+    figures["r_over_R"] = (radial.profile(sigma).r.tolist(), "1")
+    figures["blocks_in_shell"] = (radial.profile(sigma).count.tolist(), "")
+    figures["sigma_rr"] = (radial.profile(sigma).mean.tolist(), "Pa")
     for name, stress in solutions.items():
         mean, reference = radial.profile(radial.stress(stress)).mean, radial.profile(sigma).mean
         error = relative_errors(radial.stress(stress), sigma)
-        figures[f"sigma_rr_{name}"] = (mean, "Pa")
+        figures[f"sigma_rr_{name}"] = (mean.tolist(), "Pa")
         figures[f"error_sigma_rr_{name}"] = (None if error is None else {"l2": error[0], "mean": error[1]}, "1")
         if reference.all():
-            figures[f"error_shells_{name}"] = (mean / reference - 1.0, "1")
+            figures[f"error_shells_{name}"] = ((mean / reference - 1.0).tolist(), "1")
             figures[f"error_shells_largest_{name}"] = (float(np.abs(mean / reference - 1.0).max()), "1")
     return figures
 

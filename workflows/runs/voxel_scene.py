@@ -31,7 +31,6 @@ __all__ = ["VoxelScene", "scene_loads", "voxel_scene"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Load = dd.Traction | dd.Pressure | dd.BodyForce
 
 
 @dataclass(frozen=True)
@@ -117,14 +116,15 @@ def voxel_scene(domain: dd.TaggedMesh, tissue: Tissue, bar_force: ArrayLike) -> 
     return VoxelScene(grid, body, row, sides)
 
 
-def scene_loads(scene: VoxelScene, supports: Sequence[dd.Displacement], loads: Sequence[Load]) -> VoxelLoads:
+def scene_loads(scene: VoxelScene, supports: Sequence[dd.Displacement], loads: Sequence[dd.Load]) -> VoxelLoads:
     """What supports and loads are on the lattice.
 
     A pressure that acts on the whole outer surface with one value follows it; on parts of it, or with several values,
     pressures are dead normal tractions.
 
     Raises:
-        InputError: an unknown side or region, a value of another shape or not finite, a support that meets no node.
+        InputError: an unknown side or region, a value of another shape or not finite, a support that meets no node, a
+            load of another kind.
     """
     body = scene.body
     fixed, displacement = _prescribed(scene, supports)
@@ -136,9 +136,11 @@ def scene_loads(scene: VoxelScene, supports: Sequence[dd.Displacement], loads: S
             force += body_forces(body, _density(scene, load))
         elif isinstance(load, dd.Pressure):
             normal[_on_side(scene, every, load.side)] += float(load.value)
-        else:
+        elif isinstance(load, dd.Traction):
             traction = _at(load.value, f"traction on {load.side!r}", "Pa")
             force += traction_forces(body, every.take(_on_side(scene, every, load.side)), traction)
+        else:
+            raise InputError(f"load: expected a traction, a pressure or a body force, got a {type(load).__name__}")
     if np.ptp(normal) == 0.0:
         return VoxelLoads(fixed, displacement, force, float(normal[0]))
     for value in np.unique(normal[normal != 0.0]):

@@ -42,7 +42,7 @@ def test_inner_blocks_have_no_outer_face():
     ball = box(6, 6, 6)
     ball = ball[((ball - ball.mean(axis=0)) ** 2).sum(axis=1) <= (3 * EDGE) ** 2]
     inside = inner_blocks(ball, EDGE)
-    assert (len(ball), inside.sum()) == (136, 56)
+    assert (len(ball), int(inside.sum())) == (136, 56)
     assert inside[np.linalg.norm(ball - ball.mean(axis=0), axis=1) < 1.8 * EDGE].all()
     for count in ((6, 5, 1), (6, 1, 5), (1, 6, 5)):
         assert inner_blocks(box(*count), EDGE).sum() == 4 * 3

@@ -5,18 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsg_micro.bodies.sheet import ClampedSheet, Sheet
+from tsg_micro.bodies.sheet import ClampedSheet, Sheet, memory_needed
 from tsg_micro.bodies.spheroid import build_spheroid, compress_spheroid
 from tsg_micro.bodies.voxel_body import (
     body_forces,
     build_block_body,
     cell_faces,
     count_nodes,
+    memory_of_body,
     outer_faces,
     traction_forces,
 )
 from tsg_micro.bodies.voxel_path import LoadedBody, VoxelLoads
-from tsg_micro.cells.lattice import box_cells, side_nodes
+from tsg_micro.cells.lattice import box_cells, side_nodes, spheroid_cells
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.homogenise import block_fields
 from tsg_micro.data.errors import InputError
@@ -42,6 +43,10 @@ def nothing(found):
 def outer(found, axis, end):
     faces = outer_faces(found.structure)
     return cell_faces(found.structure, faces[(faces[:, 1] == axis) & (faces[:, 2] == end)])
+
+
+def uniform(*value):
+    return lambda x: np.broadcast_to(value, x.shape)
 
 
 def clamped(found, motion):
@@ -90,8 +95,8 @@ def test_a_traction_has_the_resultant_and_the_moment_of_the_square():
         np.testing.assert_allclose(force.sum(axis=0), np.einsum("g,kga->a", area, value), atol=1e-12 * scale)
         moment = np.einsum("g,kga,kgb->ab", area, x, value)
         np.testing.assert_allclose(found.position.T @ force, moment, atol=1e-12 * scale * np.abs(x).max())
-    uniform = traction_forces(found, outer(found, 0, 0), lambda x: np.broadcast_to([0.0, 0.0, 5.0], x.shape))
-    shares = uniform[uniform.any(axis=1)]
+    equal = traction_forces(found, outer(found, 0, 0), uniform(0.0, 0.0, 5.0))
+    shares = equal[equal.any(axis=1)]
     np.testing.assert_allclose(shares, np.broadcast_to([0.0, 0.0, 5.0 * (0.5 * EDGE) ** 2 / 4.0], shares.shape))
 
 
@@ -144,6 +149,17 @@ def test_a_ball_under_pressure_by_another_route():
     assert resumed.enclosed_volume_change() == pytest.approx(change, rel=1e-8)
 
 
+def test_memory_that_was_measured():
+    """Balls of radius 3 and 5 with PARDISO, and a sheet with SuperLU, whose fill is six times that."""
+    for radius, measured in ((3, 460e6), (5, 1.69e9)):
+        blocks = np.unique(spheroid_cells(radius) // 2, axis=0)
+        backend, needed = memory_of_body(TISSUE, blocks, "auto")
+        assert backend != "pardiso" or needed == pytest.approx(measured, rel=0.1)
+    assert memory_of_body(TISSUE, box_cells(60, 30, 1), "superlu")[1] < 7 * memory_needed(600_000, "pardiso")
+    with pytest.raises(InputError, match="linear"):
+        memory_of_body(TISSUE, STAIR, "none such")
+
+
 def test_two_bar_forces_are_in_balance_and_without_stress_at_rest():
     blocks = box_cells(3, 3, 3)
     force = np.where((blocks == 1).all(axis=1), 2e-8, 5e-9)
@@ -188,9 +204,7 @@ def test_a_symmetry_plane_leaves_three_motions_and_pins_give_the_same_body():
     given = nothing(found)
     given["fixed"][side_nodes(found.structure, 2, end="low"), 2] = True
     for end, pull in ((0, -20.0), (1, 20.0)):
-        given["force"] += traction_forces(
-            found, outer(found, 0, end), lambda x, pull=pull: np.broadcast_to([pull, 0.0, 0.0], x.shape)
-        )
+        given["force"] += traction_forces(found, outer(found, 0, end), uniform(pull, 0.0, 0.0))
     with pytest.raises(InputError, match="no rigid motion left free, got 3 of 6"):
         LoadedBody(found, VoxelLoads(**given))
     by_means = LoadedBody(found, VoxelLoads(**given), free=True)
@@ -218,7 +232,7 @@ def test_bad_bodies_and_loads():
             build_block_body(TISSUE, blocks, force)
     found = body(box_cells(2, 1, 1))
     pushed = nothing(found)
-    pushed["force"] += traction_forces(found, outer(found, 0, 1), lambda x: np.broadcast_to([0.0, 7.0, 0.0], x.shape))
+    pushed["force"] += traction_forces(found, outer(found, 0, 1), uniform(0.0, 7.0, 0.0))
     with pytest.raises(InputError, match=r"a force of \(.*, 2.8e-09, .*\) N and a moment of \(.*, 5.6e-14\) N m"):
         LoadedBody(found, VoxelLoads(**pushed), free=True)
     apart = body(np.array([[0, 0, 0], [2, 0, 0]]))

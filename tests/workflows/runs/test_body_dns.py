@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,7 +34,7 @@ def cube(n):
 @pytest.fixture
 def run(tmp_path):
     def start(domain, supports, loads, *, out=tmp_path, force=1e-8, **more):
-        more = {"factors": (0.5, 1.0), "plots": False} | more
+        given: dict[str, Any] = {"factors": (0.5, 1.0), "plots": False} | more
         return body_dns(
             out,
             domain=domain,
@@ -41,7 +42,7 @@ def run(tmp_path):
             bar_force=np.broadcast_to(force, domain.global_cells),
             supports=supports,
             loads=loads,
-            **more,
+            **given,
         )
 
     return start
@@ -69,6 +70,7 @@ def test_reactions_are_the_loads(run, tmp_path):
     for name, measure in (("blocks.h5", "first_piola"), ("blocks_kirchhoff.h5", "kirchhoff")):
         data = read_dataset(tmp_path / name)
         assert data.stress_measure == measure
+        assert data.midpoint is not None
         middle = np.array([1e-5, -4e-5, 0.0]) + EDGE * (STAIR + 0.5)
         np.testing.assert_allclose(data.midpoint[np.lexsort(data.midpoint.T)], middle[np.lexsort(middle.T)])
     assert json.loads((tmp_path / "summary.json").read_text())["command"] == "dns"

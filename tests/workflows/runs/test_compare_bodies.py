@@ -23,13 +23,26 @@ TISSUE = Tissue()
 EDGE = TISSUE.block
 
 
+def middles(blocks):
+    return EDGE * (blocks + 0.5)
+
+
 def test_a_cube_under_pressure_against_the_continuum(is_png, tmp_path):
     """A linear law answers with the pressure everywhere, in elements of half a block: errors by hand."""
     cube = np.argwhere(np.ones((3, 3, 3), dtype=bool))
     loads = [dd.Pressure("surface", 5.0)]
     mesh = dd.voxel_mesh(MPI.COMM_SELF, cube, edge=EDGE)
-    body = {"tissue": TISSUE, "bar_force": np.full(27, 1e-8), "supports": [], "loads": loads, "free": True}
-    body_dns(tmp_path / "dns", domain=mesh, factors=(1.0,), plots=False, **body)
+    body_dns(
+        tmp_path / "dns",
+        domain=mesh,
+        tissue=TISSUE,
+        bar_force=np.full(27, 1e-8),
+        supports=[],
+        loads=loads,
+        free=True,
+        factors=(1.0,),
+        plots=False,
+    )
     fine = dd.StrainOperator(dd.voxel_mesh(MPI.COMM_SELF, cube, edge=EDGE, refine=2))
     problem = dd.Problem(fine, [], loads, free=True)
     law = dd.LinearLaw(dd.isotropic(young=1e3, poisson=0.3).C, np.zeros(6))
@@ -52,8 +65,9 @@ def test_a_cube_under_pressure_against_the_continuum(is_png, tmp_path):
 def test_shells_of_a_ball(is_png, tmp_path):
     """Hydrostatic stress that falls with the radius: 10 % more everywhere, and a shear that no radius sees."""
     blocks = np.unique(spheroid_cells(3) // 2, axis=0)
-    midpoint = EDGE * (blocks + 0.5)
+    midpoint = middles(blocks)
     radius = ball_radius(midpoint, EDGE)
+    assert radius is not None
     assert radius == pytest.approx(EDGE * np.cbrt(136 * 0.75 / np.pi))
     r = np.linalg.norm(midpoint - midpoint.mean(axis=0), axis=1)
     stress = -(200.0 - 1e6 * r)[:, None] * np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
@@ -85,7 +99,7 @@ def _inside(blocks):
 
 @pytest.mark.parametrize(("count", "rounded"), [((3, 3, 3), False), ((6, 6, 6), False), ((6, 5, 1), False)])
 def test_boxes_are_no_balls(count, rounded):
-    midpoint = EDGE * (np.argwhere(np.ones(count, dtype=bool)) + 0.5)
+    midpoint = middles(np.argwhere(np.ones(count, dtype=bool)))
     assert (ball_radius(midpoint, EDGE) is not None) == rounded
 
 
