@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import matplotlib as mpl
 import numpy as np
@@ -20,10 +21,26 @@ from tsg_micro.data.figure_style import (
     new_figure,
 )
 
-__all__ = ["middle_slice", "plot_slices"]
+__all__ = ["Slice", "middle_slice", "plot_slices", "slices_of_blocks", "slices_of_cells"]
 
 Array = NDArray[np.float64]
 Field = tuple[ArrayLike, str]
+_CELL_FACES = np.array([[[0, 3, 7, 4], [1, 2, 6, 5]], [[0, 1, 5, 4], [3, 2, 6, 7]], [[0, 1, 2, 3], [4, 5, 6, 7]]])
+"""Corners, in VTK's order, of opposite faces of a hexahedron, three pairs."""
+
+
+@dataclass(frozen=True)
+class Slice:
+    """Cells (k,) that a plane across the axis ``normal`` at ``place`` (m) meets, and their ``outline`` (k, 4, 2), m.
+
+    The plane has x to the right and the axis ``up`` upwards.
+    """
+
+    cells: NDArray[np.int64]
+    outline: Array
+    up: str
+    normal: str
+    place: float
 
 
 def middle_slice(midpoint: Array, edge: float, axis: int) -> tuple[NDArray[np.int64], float]:
@@ -34,36 +51,57 @@ def middle_slice(midpoint: Array, edge: float, axis: int) -> tuple[NDArray[np.in
     return chosen, float(midpoint[chosen[0], axis])
 
 
+def slices_of_blocks(midpoint: Array, edge: float) -> list[Slice]:
+    """The slices x-y and x-z through the middle of blocks with midpoints (b, 3), m, on a grid of this ``edge``."""
+    corners = 0.5 * edge * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    found = []
+    for across, up in ((2, 1), (1, 2)):
+        blocks, place = middle_slice(midpoint, edge, across)
+        found.append(Slice(blocks, midpoint[blocks][:, None, [0, up]] + corners, "xyz"[up], "xyz"[across], place))
+    return found
+
+
+def slices_of_cells(corners: Array) -> list[Slice]:
+    """The same of hexahedra with corners (n, 8, 3), m, in VTK's order, each drawn as the layer through its middle."""
+    found = []
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    for across, up in ((2, 1), (1, 2)):
+        # a hair off the middle, which may be between two layers
+        place = float(low[:, across].min() + 0.5001 * np.ptp(corners[..., across]))
+        cells = np.flatnonzero((low[:, across] <= place) & (high[:, across] > place))
+        own = corners[cells]
+        layers = own[:, _CELL_FACES].mean(axis=2)  # (k, 3 pairs, 4, 3)
+        flat = np.ptp(layers[..., across], axis=2).argmin(axis=1)
+        outline = layers[np.arange(len(cells)), flat][..., [0, up]]
+        found.append(Slice(cells, outline, "xyz"[up], "xyz"[across], place))
+    return found
+
+
 def plot_slices(
-    midpoint: Array, edge: float, fields: Mapping[str, Field], *, same: bool = False, cmap: str = FIELD
+    slices: Sequence[Slice], fields: Mapping[str, Field], *, same: bool = False, cmap: str = FIELD
 ) -> Figure:
-    """Fields per block on both slices, a row for each, with one scale in a row.
+    """Fields per cell on slices, a row for each field, with one scale in a row.
 
     Args:
-        midpoint: of the blocks (b, 3), m, on a grid of this ``edge``.
-        edge: of a block, m.
-        fields: title -> (values (b,), unit); stresses in Pa.
+        slices: of a body.
+        fields: title -> (values of all its cells (n,), unit); stresses in Pa.
         same: one scale for all fields.
         cmap: colours.
 
     Raises:
         InputError: a field of another length, or not finite.
     """
-    values = {title: finite(f"field {title}", field, (len(midpoint),)) for title, (field, _) in fields.items()}
-    corners = 0.5 * edge * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    slices = []
-    for across, up in ((2, 1), (1, 2)):
-        blocks, place = middle_slice(midpoint, edge, across)
-        slices.append((blocks, midpoint[blocks][:, None, [0, up]] + corners, "xyz"[up], "xyz"[across], place))
+    n = len(np.asarray(next(iter(fields.values()))[0]))
+    values = {title: finite(f"field {title}", field, (n,)) for title, (field, _) in fields.items()}
     with mpl.rc_context(STYLE):
-        height = 0.9 + 3.2 * max(aspect_ratio(outline) for _, outline, *_ in slices)
+        height = 0.9 + 3.2 * max(aspect_ratio(one.outline) for one in slices)
         figure = new_figure(9.6, height * len(fields))
-        grid = figure.subplots(len(fields), 2, squeeze=False)
+        grid = figure.subplots(len(fields), len(slices), squeeze=False)
         for row, (title, field) in zip(grid, values.items(), strict=True):
-            ends = limits([f[blocks] for f in (values.values() if same else [field]) for blocks, *_ in slices])
-            for axes, (blocks, outline, upwards, normal, place) in zip(row, slices, strict=True):
-                drawn = draw_field(axes, outline, field[blocks], ends, cmap)
-                axes.set_title(f"{title}\n${normal}$ = {MICRO * place:.4g} µm", fontsize=12)
-                axes.set(xlabel="$x$ / µm", ylabel=f"${upwards}$ / µm")
+            ends = limits([f[one.cells] for f in (values.values() if same else [field]) for one in slices])
+            for axes, one in zip(row, slices, strict=True):
+                drawn = draw_field(axes, one.outline, field[one.cells], ends, cmap)
+                axes.set_title(f"{title}\n${one.normal}$ = {MICRO * one.place:.4g} µm", fontsize=12)
+                axes.set(xlabel="$x$ / µm", ylabel=f"${one.up}$ / µm")
             figure.colorbar(drawn, ax=list(row), label=fields[title][1], aspect=25)
     return figure

@@ -114,8 +114,15 @@ def compare(
 
     summary = run(out, dd=dd, dns=dns, plots=plots)
     for name in ("error_p_mech", "error_p_mat", "error_q_mech", "error_q_mat"):
-        values = "  ".join(f"{kind} {value:.2%}" for kind, value in summary[name].items())
-        say(f"{name:24} {values}")
+        if name in summary:
+            values = "  ".join(f"{kind} {value:.2%}" for kind, value in summary[name].items())
+            say(f"{name:24} {values}")
+    for name in ("errors_mech", "errors_mech_inner"):
+        for what in ("p", "q", "stress"):
+            if name in summary and summary[name].get(what):
+                say(f"{f'{name} {what}':24} l2 {summary[name][what]['l2']:.2%}")
+    if "error_shells_largest_mech" in summary:
+        say(f"{'error of shells, largest':24} {summary['error_shells_largest_mech']:.2%}")
     if summary["dns_buckled"]:
         say("the full tensegrity has buckled, the data-driven sheet cannot: compare with that of 'tsgdd dns --flat'")
     say(f"{'results':24} {out}")

@@ -233,7 +233,7 @@ def _radial(scene: VoxelScene, body: LoadedBody, fields: BlockFields) -> dict[st
 def _draw(out: Path, scene: VoxelScene, body: LoadedBody, fields: BlockFields) -> None:
     """The figures and the file for ParaView."""
     from tsg_micro.data.figure_style import save_figure
-    from tsg_micro.data.slices import plot_slices
+    from tsg_micro.data.slices import plot_slices, slices_of_blocks
     from tsg_micro.figures.shells import plot_shells
     from tsg_micro.figures.space import View, plot_views
     from tsg_micro.figures.vtu import write_vtu
@@ -250,7 +250,7 @@ def _draw(out: Path, scene: VoxelScene, body: LoadedBody, fields: BlockFields) -
         "effective stress $q$ (Cauchy)": (von_mises(stress), "Pa"),
         "bar force at rest $f_b$": (1e9 * scene.body.bar_force, "nN"),
     }
-    save_figure(plot_slices(fields.midpoint, edge, shown), out / "slices.png")
+    save_figure(plot_slices(slices_of_blocks(fields.midpoint, edge), shown), out / "slices.png")
     radius = ball_radius(fields.midpoint, edge)
     if radius is not None:
         radial = radial_stress(structure, body.displacement, members, scene.body.prestress)

@@ -110,22 +110,23 @@ def draw_body(out: Path, solutions: Mapping[str, Array], blocks: Dataset, titles
     ``titles`` are the solutions' names in the figures; the first one's errors are drawn.
     """
     from tsg_micro.data.figure_style import save_figure
-    from tsg_micro.data.slices import plot_slices
+    from tsg_micro.data.slices import plot_slices, slices_of_blocks
     from tsg_micro.figures.shells import plot_shells
 
     assert blocks.midpoint is not None
     midpoint, edge = blocks.midpoint, block_edge(blocks)
+    slices = slices_of_blocks(midpoint, edge)
     everyone = {titles[name]: stress for name, stress in solutions.items()} | {"full tensegrity": blocks.stress}
     first = next(iter(solutions))
     errors = {}
     for symbol, invariant in (("p", pressure), ("q", von_mises)):
         fields = {f"{title}, ${symbol}$": (invariant(stress), "Pa") for title, stress in everyone.items()}
-        save_figure(plot_slices(midpoint, edge, fields, same=True), out / f"{symbol}.png")
+        save_figure(plot_slices(slices, fields, same=True), out / f"{symbol}.png")
         b = invariant(blocks.stress)
         mean_square = float(np.sqrt((b**2).mean())) or 1.0
         size = 100.0 * np.abs(invariant(solutions[first]) - b) / mean_square
         errors[f"error of ${symbol}$, {titles[first]}"] = (size, f"% of the root mean square of ${symbol}$")
-    save_figure(plot_slices(midpoint, edge, errors, cmap="magma"), out / "errors.png")
+    save_figure(plot_slices(slices, errors, cmap="magma"), out / "errors.png")
     radial = _Shells.of(midpoint, edge)
     if radial is not None:
         label = rf"$\sigma_{{rr}}$ ({blocks.stress_measure.replace('_', ' ')}) / Pa"

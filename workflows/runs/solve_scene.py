@@ -22,6 +22,7 @@ from tsg_micro.data.errors import ConvergenceError
 from tsg_micro.data.files import atomic_path, output_folder
 from workflows.runs.edges import in_parts
 from workflows.runs.materials import method_of, read_tissues, the_material
+from workflows.runs.scene_figures import draw_scene
 from workflows.scenes.model import SceneModel
 from workflows.scenes.scene import Built, build
 from workflows.store.record import drop_summary, peak_memory, write_summary
@@ -66,6 +67,8 @@ def solve_scene(
     summary = None
     if comm.rank == 0:
         summary = write_summary(out, command=command, parameters=scene_parameters(built), figures=figures)
+        if plots:
+            draw_scene(out, run.solution, run.rows)
     return comm.bcast(summary)
 
 

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 def bar_forces(
     domain: dd.TaggedMesh, scene: SceneModel, tissues: tuple[Tissue, ...], cell_tissue: NDArray[np.int64]
 ) -> Array:
-    """f_b (cells,) in N of every owned cell, of its own tissue, that of its block where it is a part of one; collective.
+    """f_b (cells,) in N of every owned cell, or of the block that it is a part of; collective.
 
     Raises:
         InputError: a profile is not valid, or gives a force that the bars cannot carry; on all ranks.
