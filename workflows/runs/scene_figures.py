@@ -15,8 +15,8 @@ from tsg_micro.data.slices import plot_slices, slices_of_cells
 
 __all__ = ["draw_scene"]
 
-_FLAT = 1.5
-"""Thickness over the edge of its elements up to which a body is drawn as a map."""
+_FLAT, _ROUND_OFF = 1.5, 1e-9
+"""Thickness over the edge of its elements up to which a body is drawn as a map, and what a distance is that is none."""
 
 
 def draw_scene(out: Path, solution: dd.Solution, rows: list[dict[str, Any]]) -> None:
@@ -26,7 +26,7 @@ def draw_scene(out: Path, solution: dd.Solution, rows: list[dict[str, Any]]) -> 
         "pressure $p$": (fields.cell_mean(fields.mechanical_p), "Pa"),
         "effective stress $q$": (fields.cell_mean(fields.mechanical_q), "Pa"),
     }
-    if solution.metric is not None:
+    if solution.normalised_distance > _ROUND_OFF:
         shown["local distance to the data"] = (fields.cell_mean(fields.local_distance), r"$\sqrt{\mathrm{J/m^3}}$")
     z = fields.corners[..., 2]
     if np.ptp(z) <= _FLAT * np.ptp(z, axis=1).max():
