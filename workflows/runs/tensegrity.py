@@ -62,19 +62,6 @@ def check_same_scene(parameters: dict[str, Any], dns: Path, whose: str) -> None:
         a, b = parameters.get(name), reference.get(name)
         if a is not None and b is not None and a != b:
             raise InputError(f"tissue, {name}: expected the same in both runs, got {a} in {whose} and {b} in {dns}")
-    _check_same_file(parameters.get("scene"), reference.get("scene"), f"{whose} and {dns}")
-
-
-def _check_same_file(a: Any, b: Any, whose: str) -> None:
-    """Raise InputError where two scene files, as summaries have them, differ in what is held, loaded or prestressed."""
-    if not (isinstance(a, dict) and isinstance(b, dict)):
-        return
-    for name in ("support", "load"):
-        if a.get(name) != b.get(name):
-            raise InputError(f"scene, {name}: expected the same in both runs, got different ones in {whose}")
-    forces = [{name: one.get("bar_force") for name, one in scene.get("tissue", {}).items()} for scene in (a, b)]
-    if forces[0] != forces[1]:
-        raise InputError(f"scene, tissue: expected the same bar forces in both runs, got different ones in {whose}")
 
 
 def _check_same_file(ours: Any, theirs: Any, whose: str, dns: Path) -> None:
