@@ -62,7 +62,6 @@ def compare(out: Path, *, dd: Path, dns: Path, plots: bool = True) -> dict[str, 
         figures, draw = _of_sheet(solved, fields, blocks)
     else:
         scene = {}
-        _check_same_factor(solved, reference)
         figures, draw = _of_body(solved, fields, blocks)
     out = output_folder(out)
     parameters = {"dd": dd, "dns": dns, **scene}
@@ -70,13 +69,6 @@ def compare(out: Path, *, dd: Path, dns: Path, plots: bool = True) -> dict[str, 
     if plots:
         draw(out)
     return summary
-
-
-def _check_same_factor(solved: dict[str, Any], reference: dict[str, Any]) -> None:
-    """Raise InputError where both say what part of the load they end at, and it is not the same."""
-    a, b = (run.get(name) for run, name in ((solved, "factor_steps"), (reference, "factor_history")))
-    if a and b and a[-1] != b[-1]:
-        raise InputError(f"steps: expected both runs to end at the same part of the load, got {a[-1]} and {b[-1]}")
 
 
 def _of_body(solved: dict[str, Any], fields: QuadratureFields, blocks: Dataset) -> tuple[Figures, Draw]:

@@ -43,7 +43,7 @@ def dns_scene(
         tissue=first,
         bar_force=built.bar_force,
         supports=built.supports,
-        loads=built.loads,  # type: ignore[arg-type]
+        loads=built.loads,
         free=built.free,
         factors=factors if len(factors) > 1 else [part * factors[0] for part in FACTORS],
         linear_solver=linear_solver,
