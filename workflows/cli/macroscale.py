@@ -57,6 +57,9 @@ def solve(
         float | None,
         typer.Option(help="Of order 1: factor w of a query at y + w (z - y), 1 <= w < 2; 1.7 if not given."),
     ] = None,
+    max_error: Annotated[
+        float | None, typer.Option(help="Estimated error beyond which the run fails, 0.02 for 2 %.")
+    ] = None,
     plots: Plots = True,
 ) -> None:
     """Data-driven solution of a sheet; runs on any number of ranks (mpirun -n N tsgdd solve ...)."""
@@ -75,6 +78,7 @@ def solve(
         over_relaxation=over_relaxation,
         tissue=tissue,
         adaptation=adaptation(adapt, tissue=tissue, rve_budget=rve_budget, adapt_tolerance=adapt_tolerance),
+        max_error=max_error,
         plots=plots,
         say=say,
     )
