@@ -89,15 +89,15 @@ def check_by_source(solution: Solution, sources: Sequence[Source], *, count: int
     if answers is None:
         return ErrorEstimate(None, kind, len(answered), failed, time.perf_counter() - begin)
     metric = _metric_of(answers, drawn.weight[answered])
-    residual = np.where(answered[:, None], drawn.stress, 0.0)
+    residual = drawn.stress.copy()
     residual[answered] -= answers.stress
-    white = metric.whiten(np.zeros_like(residual), residual)
-    sampled = float(np.sqrt(drawn.weight @ (white**2).sum(axis=1)))
+    squares = drawn.weight * (metric.whiten(np.zeros_like(residual), residual) ** 2).sum(axis=1)
+    sampled, unanswered = (float(np.sqrt(squares[which].sum())) for which in (answered, ~answered))
     near = _nearest(answers.strain, drawn.region[answered], z.strain, region, metric)
     field, tangent = _residual(answers, near, solution)
     found = correct(problem, z, field, tangent, metric)
     ratio = sampled / found.residual if found.residual > 0 else 0.0
-    error = found.change / found.state * ratio if found.state > 0 else 0.0
+    error = float(np.hypot(found.change * ratio, unanswered)) / found.state if found.state > 0 else 0.0
     return ErrorEstimate(error, kind, len(answered), failed, time.perf_counter() - begin)
 
 
