@@ -2,7 +2,8 @@
 
 The gap of a datum is its distance to the sixth neighbour, so the neighbourhood is one ball around each datum. Data that
 fill a set of strains leave no holes in it; strains beside that set, in a direction that was not sampled or in a corner
-of its bounding box, are outside. A single datum has no neighbours: every other strain is outside.
+of its bounding box, are outside. So that more data never put a strain out, a datum within a tenth of the strain itself
+is always near enough. A single datum has no neighbours.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from scipy.spatial import cKDTree
 __all__ = ["Neighbourhood"]
 
 Array = NDArray[np.float64]
-_NEIGHBOURS, _ROUND_OFF = 6, 1e-9
+_NEIGHBOURS, _OF_STRAIN, _ROUND_OFF = 6, 0.1, 1e-9
 
 
 class Neighbourhood:
@@ -35,6 +36,8 @@ class Neighbourhood:
 
     def outside(self, strain: Array) -> NDArray[np.bool_]:
         """Whether the strains (n, 6) are outside (n,)."""
-        distance, index = self._tree.query(strain @ self._factor)
+        at = strain @ self._factor
+        distance, index = self._tree.query(at)
         used, own = np.unique(index, return_inverse=True)
-        return np.asarray(distance > self.gap(used)[own] + _ROUND_OFF * np.abs(self.at).max())
+        near = np.maximum(self.gap(used)[own], _OF_STRAIN * np.linalg.norm(at, axis=1))
+        return np.asarray(distance > near + _ROUND_OFF * np.abs(self.at).max())

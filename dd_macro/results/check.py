@@ -40,7 +40,7 @@ __all__ = ["CHECKS", "ErrorEstimate", "check_by_data", "check_by_source"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-CHECKS = 16
+CHECKS = 12
 _SAME = 1e-9
 _LEAST, _NEIGHBOURS = 4, 16
 

@@ -22,7 +22,7 @@ def test_a_corner_of_the_bounding_box_is_outside(rng):
     t = rng.uniform(0.0, 1.0, (300, 1))
     near = Neighbourhood(t * [0.05, -0.05, 0.0, 0.0, 0.0, 0.0], np.eye(6))
     assert not near.outside(0.5 * np.array([[0.05, -0.05, 0.0, 0.0, 0.0, 0.0]])).any()
-    assert near.outside(np.array([[0.04, -0.01, 0.0, 0.0, 0.0, 0.0], [0.025, -0.025, 0.002, 0.0, 0.0, 0.0]])).all()
+    assert near.outside(np.array([[0.04, -0.01, 0.0, 0.0, 0.0, 0.0], [0.025, -0.025, 0.005, 0.0, 0.0, 0.0]])).all()
 
 
 def test_the_hole_at_rest_of_data_that_hold_no_small_strain(rng):
@@ -39,4 +39,4 @@ def test_the_gap_is_the_distance_to_the_sixth_neighbour():
 
 def test_a_single_datum_has_itself_alone():
     near = Neighbourhood(np.full((1, 6), 0.01), np.eye(6))
-    np.testing.assert_array_equal(near.outside(np.full((2, 6), [[0.01], [0.011]])), [False, True])
+    np.testing.assert_array_equal(near.outside(np.full((3, 6), [[0.01], [0.0105], [0.012]])), [False, False, True])

@@ -70,7 +70,7 @@ def test_the_estimate_is_near_the_true_error(comm, theory, method, count):
     true, found = true_error(solution, material), check_by_source(solution, [material])
     assert true > 0.02
     assert true / 1.5 < found.error < 1.5 * true
-    assert (found.kind, found.checks, found.failed, material.asked) == ("check RVEs", 16, 0, 16)
+    assert (found.kind, found.checks, found.failed, material.asked) == ("check RVEs", 12, 0, 12)
 
 
 def test_the_estimate_goes_down_with_the_error(comm):

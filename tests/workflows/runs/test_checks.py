@@ -25,7 +25,7 @@ def test_every_solve_has_its_error(chain, tsgdd, read_summary, tmp_path, order):
     assert done.code == 0, done.err
     summary = read_summary(tmp_path)
     assert 0.002 < summary["estimated_error"] < 1.0
-    assert (summary["error_kind"], summary["checks"], summary["failed_checks"]) == ("check RVEs", 16, 0)
+    assert (summary["error_kind"], summary["checks"], summary["failed_checks"]) == ("check RVEs", 12, 0)
     assert summary["within_max_error"] is None
     line = next(line for line in done.out.splitlines() if line.startswith("estimated error"))
     assert f"{summary['estimated_error']:.2%} (check RVEs)" in line
