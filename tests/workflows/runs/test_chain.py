@@ -12,6 +12,7 @@ import pytest
 from dd_macro.results.quadrature_file import read_quadrature
 from tsg_micro.data.dataset import read_dataset
 from tsg_micro.data.mandel import pressure, von_mises
+from workflows.runs.rest import with_rest
 
 BLOCK = 20e-6
 
@@ -80,7 +81,7 @@ def test_solve_summary_and_files(chain, read_summary):
     assert len(summary["distance_history"]) == summary["iterations"]
     fields = read_quadrature(chain.dd / "quadrature.h5")
     assert fields.mechanical_stress.shape == (16, 8, 6)
-    data = read_dataset(chain.data)
+    data = with_rest(read_dataset(chain.data))
     np.testing.assert_array_equal(fields.material_stress, data.stress[fields.datum])
     with h5py.File(chain.dd / "fields.vtkhdf") as file:
         assert file["VTKHDF"].attrs["Type"] == b"UnstructuredGrid"
