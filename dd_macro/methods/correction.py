@@ -52,9 +52,9 @@ def correct(problem: Problem, z: MechanicalState, residual: Array, tangent: Arra
     try:
         moduli = found.nominal_tangent(z.stress - residual, tangent)
         matrix = op.stiffness()
-        matrix.assemble(0.5 * (moduli + moduli.swapaxes(1, 2)))
-        solver = LinearSolver(op, matrix, problem.fixed, prefix="dd_check_", definite=False)
-        du = solver.solve(problem.forces - op.force(found.nominal_stress(z.stress - residual)))
+        problem.add_load_stiffness(z.u, matrix.assemble(0.5 * (moduli + moduli.swapaxes(1, 2))))
+        solver = LinearSolver(problem, matrix, prefix="dd_check_", definite=False)
+        du = solver.solve(-problem.out_of_balance(found.nominal_stress(z.stress - residual), z.u))
         strain = op.local(op.strain(z.u + du)).strain - found.strain
         change = strain, np.einsum("nij,nj->ni", tangent, strain) - residual
     except ConvergenceError:  # on all ranks alike

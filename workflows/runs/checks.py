@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,7 @@ from workflows.runs.cautions import body_cautions, scatter_caution
 from workflows.runs.edges import specs_of
 from workflows.runs.scene import Scene
 
-__all__ = ["LARGE_DISTANCE", "LARGE_ERROR", "Verdict", "check_limit", "judge"]
+__all__ = ["LARGE_DISTANCE", "LARGE_ERROR", "Verdict", "check_limit", "estimate_error", "judge"]
 
 LARGE_ERROR, LARGE_DISTANCE = 0.05, 0.05
 """Estimated error, and where there is none normalised distance, beyond which a run warns."""
@@ -68,7 +68,7 @@ def judge(solution: dd.Solution, scene: Scene, rve: RVESpec | None, limit: float
         InputError: what the data say of their RVE is not valid.
     """
     rve = rve if _of_one_tissue(solution) else None
-    estimate = _estimate(solution, rve)
+    estimate = estimate_error(solution, None if rve is None else specs_of(rve, solution.problem))
     figures = solution.figures()
     warnings = _of_the_data(estimate, figures)
     warnings += body_cautions(solution.problem, scene, rve) + scatter_caution(solution)
@@ -81,11 +81,16 @@ def _of_one_tissue(solution: dd.Solution) -> bool:
     return all(spec is not None for spec in specs) and len({(s.tissue, s.images) for s in specs if s is not None}) == 1
 
 
-def _estimate(solution: dd.Solution, rve: RVESpec | None) -> dd.ErrorEstimate:
-    if rve is None:
+def estimate_error(solution: dd.Solution, specs: Sequence[RVESpec] | None) -> dd.ErrorEstimate:
+    """The error by a few RVEs of ``specs``, one for each region of the problem; by the data where it is None.
+
+    Raises:
+        InputError: the stress of the data cannot be had of the RVEs.
+    """
+    if specs is None:
         return dd.check_by_data(solution)
     comm = solution.problem.operator.comm
-    return dd.check_by_source(solution, [RVESource(spec, comm=comm) for spec in specs_of(rve, solution.problem)])
+    return dd.check_by_source(solution, [RVESource(spec, comm=comm) for spec in specs])
 
 
 def _line(estimate: dd.ErrorEstimate, figures: Mapping[str, tuple[Any, str]]) -> str:
