@@ -10,9 +10,13 @@ from mpi4py import MPI
 
 import dd_macro as dd
 from tsg_micro.cells.tissue import Tissue
+from tsg_micro.continuum.rve_law import RVELaw
 from tsg_micro.continuum.rve_spec import RVESpec
+from tsg_micro.continuum.sampling import BOXES, join_paths, sample_paths
 from tsg_micro.data.dataset import Dataset, read_dataset, write_dataset
 from workflows.runs.cautions import body_cautions, scatter_caution
+from workflows.runs.checks import estimate_error
+from workflows.runs.rest import with_rest
 from workflows.runs.scene import Scene
 
 SCENE = ("--elements", 4, 4, 1, "--strain", 0.04, "--no-plots")
@@ -124,3 +128,19 @@ def test_strains_within_elements_and_between_them():
 def _points(law):
     strain, step = np.random.default_rng(0).uniform(-0.02, 0.02, (20, 6)), np.arange(20)
     return Dataset(strain, strain @ law.C, "cauchy", path=0 * step, step=step)
+
+
+def test_data_of_another_load_are_caught():
+    """A strip pulled along x with the data of a stretch along y, as points: it moves the wrong way, and converges."""
+    done = sample_paths(SHEET.build(), BOXES["stretch"], paths=range(20), steps=5, seed=0)
+    data = with_rest(join_paths(done, seed=0, parameters=SHEET.parameters(), versions={}))
+    operator = dd.EnhancedStrainOperator(dd.box(MPI.COMM_SELF, elements=(6, 2, 1), size=(12e-5, 4e-5, 2e-5)))
+    problem = dd.Problem(operator, [dd.Displacement("left")], [dd.Traction("right", (30.0, 0.0, 0.0))])
+    solution = dd.METHODS["classical"].prepare(problem, dd.Material(data)).solve()
+    law = RVELaw(replace(SHEET, free=()).build())
+    exact = dd.equilibrium(problem, law).mechanical
+    tip = [z.u[: 3 * operator.owned_nodes].reshape(-1, 3)[:, 0].max() for z in (solution.mechanical, exact)]
+    assert tip[0] < 0.3 * tip[1]
+    estimate = estimate_error(solution, [SHEET]).error
+    assert estimate is not None
+    assert estimate > 0.4
