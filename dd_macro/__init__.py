@@ -26,6 +26,7 @@ from dd_macro.methods.registry import METHODS
 from dd_macro.methods.second_order import SecondOrderOptions, SecondOrderResult, solve_second_order
 from dd_macro.methods.solution import Solution
 from dd_macro.methods.theory import THEORIES, make_projection, project
+from dd_macro.results.check import CHECKS, ErrorEstimate, check_by_data, check_by_source
 from dd_macro.results.compare import BlockStress, Comparison, FieldError, compare_blocks, interior_blocks
 from dd_macro.results.quadrature_file import QuadratureFields, read_quadrature, write_quadrature
 from dd_macro.results.vtkhdf import write_vtkhdf
@@ -43,6 +44,7 @@ from dd_macro.scene.voxel_grid import VoxelGrid, voxel_grid
 from dd_macro.scene.voxels import voxel_mesh
 
 __all__ = [
+    "CHECKS",
     "INSIDE",
     "METHODS",
     "METRICS",
@@ -59,6 +61,7 @@ __all__ = [
     "Displacement",
     "EnhancedGradientOperator",
     "EnhancedStrainOperator",
+    "ErrorEstimate",
     "FieldError",
     "FiniteProjection",
     "FiniteState",
@@ -104,6 +107,8 @@ __all__ = [
     "Watch",
     "biot_dataset",
     "box",
+    "check_by_data",
+    "check_by_source",
     "choose_metric",
     "compare_blocks",
     "edge_regions",

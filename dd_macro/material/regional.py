@@ -73,6 +73,13 @@ class RegionalSearch(MaterialSearch):
         for part in self.parts:
             part.forget()
 
+    def outside(self, strain: Array) -> NDArray[np.bool_]:
+        """As :meth:`MaterialSearch.outside`, of the points in their order."""
+        found = np.zeros(len(strain), dtype=bool)
+        for part, points in zip(self.parts, self._points, strict=True):
+            found[points] = part.outside(strain[points])
+        return found
+
     def nearest(self, z: Array) -> tuple[Index, Array]:
         """As :meth:`MaterialSearch.nearest`, of the points in their order."""
         index, distance = np.zeros(len(z), dtype=np.int64), np.zeros(len(z))

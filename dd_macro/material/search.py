@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from dd_macro.material.metric import Metric
+from dd_macro.material.neighbourhood import Neighbourhood
 from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import InputError
 
@@ -51,6 +54,20 @@ class MaterialSearch:
     def _seen(self, z: Array) -> Array:
         """What of whitened points (n, 12) the distance is of: all of it."""
         return z
+
+    @property
+    def _counted(self) -> NDArray[np.bool_]:
+        """The strain components (6,) that the data answer: all but the silent ones."""
+        return self.dataset.counted
+
+    @cached_property
+    def neighbourhood(self) -> Neighbourhood:
+        """That of the strains of the data, in the components that they answer."""
+        return Neighbourhood(np.unique(self.dataset.strain, axis=0), self.metric.factor * self._counted[:, None])
+
+    def outside(self, strain: Array) -> NDArray[np.bool_]:
+        """Whether the strains (n, 6) are outside the neighbourhood of the data (n,)."""
+        return self.neighbourhood.outside(strain)
 
     def nearest(self, z: Array) -> tuple[NDArray[np.int64], Array]:
         """Index into the data set of the nearest datum, and the local distance to it, of whitened points z (n, 12).

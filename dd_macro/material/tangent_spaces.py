@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from dd_macro.material.metric import Metric
+from dd_macro.material.neighbourhood import Neighbourhood
 from dd_macro.material.search import MaterialSearch
 from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import InputError
@@ -118,16 +118,21 @@ class TangentSearch(MaterialSearch):
         length = np.linalg.norm((strain - spaces.strain) @ self.metric.factor, axis=1) / np.sqrt(2.0)
         return np.minimum(1.0, spaces.reach / np.maximum(length, 1e-300))
 
+    @property
+    def _counted(self) -> NDArray[np.bool_]:
+        """All components: tangents answer the silent ones too."""
+        return np.ones(6, dtype=bool)
+
     def _reaches(self) -> Array:
         """Length (N,) in sqrt(J/m^3) that the strain may go from each datum; a single datum has no gap and no limit.
 
-        The gap is the distance to the sixth neighbour, the extent of the data the root mean square of their strain.
+        The gap is that of dd_macro.material.neighbourhood, the extent of the data the root mean square of their strain.
         """
-        at = self.dataset.strain[self._first] @ self.metric.factor / np.sqrt(2.0)
         reach = np.full(len(self.dataset), np.inf)
-        if len(at) > 1:
-            gap = cKDTree(at).query(at, k=min(7, len(at)), workers=self.workers)[0][:, -1]
-            reach[self._first] = gap + self.trust * np.sqrt((at**2).sum(axis=1).mean())
+        near = Neighbourhood(self.dataset.strain[self._first], self.metric.factor)
+        if len(near) > 1:
+            extent = np.sqrt((near.at**2).sum(axis=1).mean())
+            reach[self._first] = (near.gap(np.arange(len(near))) + self.trust * extent) / np.sqrt(2.0)
         return reach
 
 

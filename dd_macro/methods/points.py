@@ -20,9 +20,10 @@ from dd_macro.material.search import MaterialSearch
 from dd_macro.methods.projection import MechanicalState, Projection
 from dd_macro.methods.solution import Solution
 from dd_macro.parallel import one_thread, total
+from dd_macro.scene.spaces import StrainOperator
 from tsg_micro.data.errors import ConvergenceError, InputError
 
-__all__ = ["DataDrivenResult", "Iteration", "SolverOptions", "solve"]
+__all__ = ["DataDrivenResult", "Iteration", "SolverOptions", "point_keys", "solve"]
 
 Array = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -69,9 +70,9 @@ class Iteration:
 
 @dataclass(frozen=True, kw_only=True)
 class DataDrivenResult(Solution):
-    """The solution with data. ``outside_data`` is the fraction of quadrature points whose mechanical strain leaves the
-    range of the data in some component that is not silent, by more than a tenth of the widest range; ``queries`` were
-    made of the search on this rank, of which ``skips`` needed none.
+    """The solution with data. ``outside_data`` is the fraction of quadrature points whose mechanical strain is outside
+    the neighbourhood of the data (dd_macro.material.neighbourhood); ``queries`` were made of the search on this rank,
+    of which ``skips`` needed none.
     """
 
     outside_data: float
@@ -140,7 +141,7 @@ def _iterate(
     comm, w = projection.operator.comm, projection.operator.weights
     data = search.dataset
     metric = search.metric
-    key = _point_keys(projection)
+    key = point_keys(projection.operator)
     index, _ = search.nearest(metric.whiten(z.strain, z.stress))
     omega = options.over_relaxation
     best_distance, best_index, since_best = np.inf, index, 0
@@ -199,9 +200,7 @@ def _result(
 ) -> DataDrivenResult:
     comm, w = projection.operator.comm, projection.operator.weights
     data = search.dataset
-    low, high = data.strain.min(axis=0), data.strain.max(axis=0)
-    margin = 0.1 * (high - low).max()
-    outside = ((z.strain < low - margin) | (z.strain > high + margin))[:, data.counted].any(axis=1)
+    outside = search.outside(z.strain)
     size = (search.metric.whiten(z.strain, z.stress) ** 2).sum(axis=1)
     sums = total(comm, [w @ local**2, w @ size, outside.sum(), len(w)])
     normalised = float(np.sqrt(sums[0] / sums[1])) if sums[1] > 0 else float(sums[0] > 0)
@@ -228,9 +227,9 @@ def _result(
     )
 
 
-def _point_keys(projection: Projection) -> NDArray[np.uint64]:
-    """A pseudo-random odd number per quadrature point, the same on any number of ranks; it tells states apart."""
-    domain, nq = projection.operator.domain, projection.operator.points_per_cell
+def point_keys(operator: StrainOperator) -> NDArray[np.uint64]:
+    """A pseudo-random odd number per quadrature point, the same on any number of ranks."""
+    domain, nq = operator.domain, operator.points_per_cell
     cells = domain.mesh.topology.original_cell_index[: domain.owned_cells].astype(np.uint64)
     x = (cells[:, None] * np.uint64(nq) + np.arange(nq, dtype=np.uint64)).reshape(-1) + np.uint64(1)
     for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):  # splitmix64

@@ -226,9 +226,7 @@ def _result(
     strain, stress = spaces.strain + part * (strain - spaces.strain), spaces.stress + part * (stress - spaces.stress)
     white = search.metric.whiten(z.strain, z.stress)
     local = np.linalg.norm(white - search.metric.whiten(strain, stress), axis=1)
-    low, high = search.dataset.strain.min(axis=0), search.dataset.strain.max(axis=0)
-    margin = 0.1 * (high - low).max()
-    outside = ((z.strain < low - margin) | (z.strain > high + margin)).any(axis=1)
+    outside = search.outside(z.strain)
     sums = total(comm, [w @ local**2, w @ (white**2).sum(axis=1), outside.sum(), (part < 1).sum(), len(w)])
     return SecondOrderResult(
         problem=record.projection.problem,

@@ -65,6 +65,9 @@ def solve(
         float | None,
         typer.Option(help="Of order 1: factor w of a query at y + w (z - y), 1 <= w < 2; 1.7 if not given."),
     ] = None,
+    max_error: Annotated[
+        float | None, typer.Option(help="Estimated error beyond which the run fails, 0.02 for 2 %.")
+    ] = None,
     plots: Plots = True,
 ) -> None:
     """Solution of a scene file, or of a sheet by options; on any number of ranks (mpirun -n N tsgdd solve ...)."""
@@ -91,6 +94,7 @@ def solve(
         method=method,
         tissue=tissue,
         adaptation=adaptation(adapt, tissue=tissue, rve_budget=rve_budget, adapt_tolerance=adapt_tolerance),
+        max_error=max_error,
         plots=plots,
         say=say,
     )

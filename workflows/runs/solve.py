@@ -19,7 +19,9 @@ from tsg_micro.data.dataset import Dataset, read_dataset, write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from workflows.runs.adaptation import rve_of, source_for
+from workflows.runs.checks import check_limit, judge
 from workflows.runs.edges import data_of, in_parts, inside_of, sampled_places, specs_of
+from workflows.runs.rest import with_rest
 from workflows.runs.scene import Scene, read_material, tissue_of
 from workflows.store.record import drop_summary, peak_memory, write_summary
 
@@ -29,8 +31,6 @@ _OF_ORDER = {1: "classical", 2: "second order"}
 _ITERATIONS = {"classical": 300}
 """At most, where nothing is asked for and it is not what the method has."""
 _LEAST = 4
-LARGE_ERROR, LARGE_DISTANCE = 0.02, 0.05
-"""Estimated error, and normalised distance, beyond which a run warns."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class _Asked:
         if self.adaptation is None:
             if self.data is None:
                 raise InputError("data: expected a file, or --adapt with --bar-force, got neither")
-            dataset = read_material(self.data, self.scene, self.stress_measure)
+            dataset = with_rest(read_material(self.data, self.scene, self.stress_measure))
             inside = inside_of(dataset, self.scene.kind)
             if self.tangents == 2 and dataset.tangent is None and len(dataset) < _LEAST:
                 raise InputError(
@@ -139,6 +139,7 @@ def solve(
     tissue: Tissue | None = None,
     adaptation: dd.Adaptation | None = None,
     method: str | None = None,
+    max_error: float | None = None,
     plots: bool = True,
     say: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
@@ -152,46 +153,37 @@ def solve(
 
     Raises:
         InputError: an argument or a file is not valid, or the scene's strain is outside the data.
-        ConvergenceError: the fixed-point iteration or a linear solve did not converge.
+        ConvergenceError: the fixed-point iteration or a linear solve did not converge; or the estimated error is more
+            than ``max_error``, after all files were written.
     """
     asked = _Asked(
         *(data, scene, metric, order, stress_measure, max_iterations, over_relaxation, tissue, adaptation, method)
     )
-    solution, seconds = _solution(asked, out, say)
+    check_limit(max_error)
+    solution, seconds, rve = _solution(asked, out, say)
+    verdict = judge(solution, scene, rve, max_error)
+    say(verdict.line)
     assert solution.dataset is not None
     measure = dd.THEORIES[scene.kinematics].shown(solution.dataset, stress_measure)
     drop_summary(out, MPI.COMM_WORLD)
     dd.write_solution(out, solution, stress_measure=measure)
     figures = solution.figures() | {"top_force": (scene.top_force(solution), "N"), "stress_measure": (measure, "")}
     figures |= {"peak_memory": (peak_memory(), "B"), **{name: (value, "s") for name, value in seconds.items()}}
-    figures |= {"warnings": (_warnings(figures), "")}
+    figures |= verdict.figures()
     summary, comm = None, MPI.COMM_WORLD
     if comm.rank == 0:
-        parameters = asked.parameters(solution.dataset)
+        parameters = asked.parameters(solution.dataset) | {"max_error": max_error}
         summary = write_summary(out, command="solve", parameters=parameters, figures=figures)
         if plots:
             _draw(out, solution)
+    verdict.enforce()
     return comm.bcast(summary)
 
 
-def _warnings(figures: dict[str, tuple[Any, str]]) -> list[str]:
-    """What the figures of a solution say against it, and what helps."""
-    distance, error = (figures.get(name, (0.0, ""))[0] for name in ("normalised_distance", "estimated_error"))
-    if error is not None and error > LARGE_ERROR:
-        return [
-            f"the data leave an estimated error of {error:.1%}: a larger --rve-budget lowers it, beyond a strain of "
-            "some 10 % --kinematics finite too"
-        ]
-    if distance > LARGE_DISTANCE:
-        return [
-            f"mechanical and material states are {distance:.1%} apart, the data do not hold what this scene needs: "
-            "more of them there, --order 2 or --adapt help"
-        ]
-    return []
-
-
-def _solution(asked: _Asked, out: Path, say: Callable[[str], None]) -> tuple[dd.Solution, dict[str, float]]:
-    """The solution, and what it took."""
+def _solution(
+    asked: _Asked, out: Path, say: Callable[[str], None]
+) -> tuple[dd.Solution, dict[str, float], RVESpec | None]:
+    """The solution, what it took, and the RVE of the inside."""
     comm = MPI.COMM_WORLD
     asked.method()
     dataset, rve = together(comm, asked.read)
@@ -210,7 +202,8 @@ def _solution(asked: _Asked, out: Path, say: Callable[[str], None]) -> tuple[dd.
     found = prepared.solve(watch=dd.Watch(say, keep))
     done = time.perf_counter()
     say(f"{found.iterations} iterations ({found.reason}), normalised distance {found.normalised_distance:.2%}")
-    return found, {"seconds": done - begin, "seconds_metric": prepared.seconds_metric, "seconds_setup": ready - begin}
+    took = {"seconds": done - begin, "seconds_metric": prepared.seconds_metric, "seconds_setup": ready - begin}
+    return found, took, rve
 
 
 def _draw(out: Path, solution: dd.Solution) -> None:

@@ -83,7 +83,7 @@ def test_a_large_error_is_a_warning(tsgdd, read_summary, tmp_path):
         done = tsgdd("solve", "--adapt", *scene, "--strain", strain, "--rve-budget", budget)
         assert done.code == 0, done.err
         summary = read_summary(tmp_path)
-        assert (summary["estimated_error"] > 0.02) == warned
+        assert (summary["estimated_error"] > 0.05) == warned
         assert ("--rve-budget" in " ".join(summary["warnings"])) == ("--rve-budget lowers it" in done.out) == warned
 
 
@@ -101,14 +101,15 @@ def test_the_summary_tells_how_it_went(folder, read_summary):
     assert summary["change_rounds"][-1] < 0.2 * summary["change_rounds"][1]
     assert summary["surprise_rounds"][-1] < 0.2 * summary["surprise_rounds"][1]
     assert summary["normalised_distance"] < 1e-12
-    assert summary["error_rounds"][-1] == summary["estimated_error"]
+    assert summary["error_rounds"][-1] < 0.2 * summary["error_rounds"][1]
+    assert summary["error_kind"] == "check RVEs"
 
 
 def test_the_estimated_error_is_about_that_against_fe2(folder, read_summary):
     for budget in (16, 64):
         found = error(folder / f"{budget}", folder / "fe2").mean()
         estimate = read_summary(folder / f"{budget}")["estimated_error"]
-        assert found / 3 < estimate < 6 * found  # stresses of blocks against strains and stresses of points
+        assert found / 3 < estimate < 4 * found  # stresses of blocks against strains and stresses of points
 
 
 def test_it_ends_where_the_error_is_small(tmp_path, read_summary):

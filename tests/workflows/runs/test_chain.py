@@ -12,6 +12,7 @@ import pytest
 from dd_macro.results.quadrature_file import read_quadrature
 from tsg_micro.data.dataset import read_dataset
 from tsg_micro.data.mandel import pressure, von_mises
+from workflows.runs.rest import with_rest
 
 BLOCK = 20e-6
 
@@ -75,12 +76,12 @@ def test_solve_summary_and_files(chain, read_summary):
     assert summary["converged"] is True
     assert 1 < summary["iterations"] < 100
     assert 0 < summary["normalised_distance"] < 1
-    assert (summary["quadrature_points"], summary["data_points"], summary["ranks"]) == (8 * 16, 100, 1)
+    assert (summary["quadrature_points"], summary["data_points"], summary["ranks"]) == (8 * 16, 101, 1)
     assert 0 < summary["seconds"] < 60
     assert len(summary["distance_history"]) == summary["iterations"]
     fields = read_quadrature(chain.dd / "quadrature.h5")
     assert fields.mechanical_stress.shape == (16, 8, 6)
-    data = read_dataset(chain.data)
+    data = with_rest(read_dataset(chain.data))
     np.testing.assert_array_equal(fields.material_stress, data.stress[fields.datum])
     with h5py.File(chain.dd / "fields.vtkhdf") as file:
         assert file["VTKHDF"].attrs["Type"] == b"UnstructuredGrid"
@@ -170,7 +171,7 @@ def test_compare_against_the_errors_by_hand(chain, tsgdd, read_summary, is_png, 
                 expected["l2" + suffix] = np.linalg.norm((a - b)[use]) / np.linalg.norm(b[use])
                 expected["mean" + suffix] = np.mean(np.abs(a - b)[use] / np.abs(b[use]))
             assert summary[f"error_{symbol}_{name}"] == pytest.approx(expected, rel=1e-9)
-    assert summary["error_p_mech"]["l2"] < 0.3
+    assert summary["error_p_mech"]["l2"] < 0.35
     assert summary["blocks"] == 16
     assert is_png(tmp_path / "p.png")
     assert is_png(tmp_path / "q.png")

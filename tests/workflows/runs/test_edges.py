@@ -129,7 +129,8 @@ def test_order_2_reaches_fe2_with_edges(data, tmp_path):
         adaptation=dd.Adaptation(),
         plots=False,
     )
-    assert found["top_force"] == pytest.approx(exact["top_force"], rel=0.1)  # 80 data a place; 0.4 % with 320
+    assert found["top_force"] == pytest.approx(exact["top_force"], rel=0.2)  # 80 data a place; 0.4 % with 320
+    assert found["estimated_error"] > 0.1 > 0.05 > adapted["estimated_error"]
     assert adapted["top_force"] == pytest.approx(exact["top_force"], rel=2e-3)
     # and its data are ordinary ones, to go on with
     again = {"data": tmp_path / "adapt" / "data.h5", "scene": scene, "plots": False}

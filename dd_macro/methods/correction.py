@@ -1,0 +1,68 @@
+"""From the residual of the material to the error of a state, by one linear solve.
+
+The stress sigma of a state z = (epsilon, sigma) is in equilibrium, that of the material at its strain, sigma - r, is
+not. With the material's tangents D the state moves by
+    (sum w B^T D B) du = sum w B^T r,     d epsilon = B du,     d sigma = D d epsilon - r
+to first order in r. d epsilon is compatible and d sigma in equilibrium with nothing, so where C = D
+    |d epsilon|_C^2 + |d sigma|_{C^-1}^2 = |r|_{C^-1}^2      (Prager and Synge)
+the residual is the error in the energy norm, and elsewhere close to it. In finite strain all of it are Biot strain and
+stress, and the matrix has the terms of the stress too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dd_macro.material.metric import Metric
+from dd_macro.methods.projection import MechanicalState
+from dd_macro.parallel import total
+from dd_macro.scene.linear import LinearSolver
+from dd_macro.scene.problem import Problem
+from tsg_micro.data.errors import ConvergenceError
+
+__all__ = ["Correction", "correct"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Lengths in sqrt(J) in a metric, of the whole body: the change of the state, the corrected state, the residual r
+    as the stress of a state. ``change`` may be the residual where no matrix could be had (``linear`` is False).
+    """
+
+    change: float
+    state: float
+    residual: float
+    linear: bool = True
+
+
+def correct(problem: Problem, z: MechanicalState, residual: Array, tangent: Array, metric: Metric) -> Correction:
+    """The correction of ``z`` for the ``residual`` (n, 6) and ``tangent`` (n, 6, 6) of the material, Pa; collective.
+
+    The solver has PETSc options with the prefix ``dd_check_``. Where the tangents give no matrix that can be solved, as
+    those of a tissue that lost its stability, the residual is taken for the change.
+    """
+    op = problem.operator
+    found, change = op.local(op.strain(z.u)), (np.zeros_like(z.strain), -residual)
+    linear = True
+    try:
+        moduli = found.nominal_tangent(z.stress - residual, tangent)
+        matrix = op.stiffness()
+        problem.add_load_stiffness(z.u, matrix.assemble(0.5 * (moduli + moduli.swapaxes(1, 2))))
+        solver = LinearSolver(problem, matrix, prefix="dd_check_", definite=False)
+        du = solver.solve(-problem.out_of_balance(found.nominal_stress(z.stress - residual), z.u))
+        strain = op.local(op.strain(z.u + du)).strain - found.strain
+        change = strain, np.einsum("nij,nj->ni", tangent, strain) - residual
+    except ConvergenceError:  # on all ranks alike
+        linear = False
+    lengths = [
+        metric.whiten(*pair)
+        for pair in (change, (z.strain + change[0], z.stress + change[1]), (np.zeros_like(residual), residual))
+    ]
+    squares = total(op.comm, [op.weights @ (white**2).sum(axis=1) for white in lengths])
+    moved, state, left = (float(length) for length in np.sqrt(squares))
+    return Correction(moved, state, left, linear)
