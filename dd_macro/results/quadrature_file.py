@@ -16,16 +16,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from dd_macro.methods.finite_projection import in_space
 from dd_macro.methods.solution import Solution
-from dd_macro.parallel import atomic_path_of_all, in_turn
+from dd_macro.results.cell_file import write_by_cell
 from dd_macro.scene.spaces import StrainOperator
 from tsg_micro.data.errors import InputError
-from tsg_micro.data.hdf5 import open_hdf5, read_array, seal, text
+from tsg_micro.data.hdf5 import open_hdf5, read_array, text
 from tsg_micro.data.mandel import pressure, von_mises
 
 __all__ = ["VTK_CORNERS", "QuadratureFields", "read_quadrature", "write_quadrature"]
@@ -35,9 +34,6 @@ FORMAT, SCHEMA = "tsgdd-quadrature", 1
 
 VTK_CORNERS = np.array([0, 1, 3, 2, 4, 5, 7, 6])
 """DOLFINx's tensor-product corners of a hexahedron in the order of VTK."""
-
-_OVERHEAD = 2**16  # bytes that HDF5 adds to the arrays, generously
-_WINDOW = 16_384  # cells read and written at once, which bounds the memory of a rank
 
 UNITS = {
     "corners": "m",
@@ -95,34 +91,10 @@ def write_quadrature(path: str | Path, operator: StrainOperator, result: Solutio
     Raises:
         InputError: the folder cannot be written, the disk is full, or a rank fails to write its part; on all ranks.
     """
+    attributes = {"format": FORMAT, "schema": SCHEMA, "stress_measure": stress_measure}
+    attributes |= {"normalised_distance": result.normalised_distance}
     fields = _fields(operator, in_space(result, stress_measure))
-    domain = operator.domain
-    rows = np.asarray(domain.mesh.topology.original_cell_index[: domain.owned_cells], dtype=np.int64)
-    order = np.argsort(rows)
-    rows = rows[order]
-    count = domain.global_cells
-
-    def write_part() -> None:
-        with h5py.File(temporary, "a") as file:
-            if "format" not in file.attrs:
-                file.attrs["format"], file.attrs["schema"] = FORMAT, SCHEMA
-                file.attrs["stress_measure"] = stress_measure
-                file.attrs["normalised_distance"] = result.normalised_distance
-                for name, values in fields.items():
-                    file.create_dataset(name, (count, *values.shape[1:]), values.dtype).attrs["unit"] = UNITS[name]
-            for begin in range(0, count, _WINDOW):
-                end = min(begin + _WINDOW, count)
-                first, last = np.searchsorted(rows, [begin, end])
-                if first == last:
-                    continue
-                for name, values in fields.items():
-                    window = file[name][begin:end]
-                    window[rows[first:last] - begin] = values[order[first:last]]
-                    file[name][begin:end] = window
-
-    size = domain.comm.allreduce(sum(values.nbytes for values in fields.values()))
-    with atomic_path_of_all(domain.comm, path, size=size + _OVERHEAD, finish=seal) as temporary:
-        in_turn(domain.comm, write_part)
+    write_by_cell(path, operator.domain, fields, units=UNITS, attributes=attributes)
 
 
 def read_quadrature(path: str | Path) -> QuadratureFields:

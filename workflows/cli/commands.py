@@ -72,8 +72,11 @@ def structure(
 @grouped
 def sample(
     *,
+    scene_file: SceneFile = None,
     out: OutFile,
-    load: Annotated[Box, typer.Option(help="Strain box to sample.")] = Box.stretch,
+    load: Annotated[
+        Box | None, typer.Option(help="Strain box; stretch, or full of a scene file, if not given.")
+    ] = None,
     paths: Annotated[int, typer.Option(help="Number of loading paths.")] = 400,
     steps: Annotated[int, typer.Option(help="Points along each path.")] = 10,
     cell: TissueOptions,
@@ -88,15 +91,21 @@ def sample(
     ] = None,
     stress_measure: Annotated[Measure, typer.Option(help="Stress to store.")] = Measure.first_piola,
     append: Annotated[bool, typer.Option("--append", help="Add to the file if it is there.")] = False,
+    tissue_name: Annotated[str | None, typer.Option(help="Of a scene file: which of its tissues.")] = None,
     processes: Annotated[int | None, typer.Option(help="Processes without mpirun; all cores if not given.")] = None,
     plots: Plots = True,
 ) -> None:
     """Sample material data from random loading paths through a periodic RVE; also under mpirun."""
+    if scene_file is not None:
+        given: dict[str, object] = dict.fromkeys(cell.given, True)
+        given |= {"kind": None if kind == KindName.sheet else kind, "axes": axes, "append": append or None}
+        _sample_file(scene_file, out, given, tissue_name, (load or Box.full).value, (paths, steps, seed))
+        return
     from workflows.runs.sample import sample as run
 
     summary = run(
         out,
-        load=load.value,
+        load=(load or Box.stretch).value,
         paths=paths,
         steps=steps,
         tissue=cell.make(),
@@ -112,6 +121,18 @@ def sample(
     )
     total = "points_in_file " if append else ""
     report(summary, f"points {total}paths failed_paths processes seconds", out)
+
+
+def _sample_file(
+    path: Path, out: Path, given: Mapping[str, object], tissue: str | None, load: str, count: tuple[int, int, int]
+) -> None:
+    from workflows.runs.sample_scene import sample_scene
+    from workflows.scenes.read import read_alone
+
+    paths, steps, seed = count
+    model = read_alone(path, given)
+    summary = sample_scene(out, model, tissue=tissue, load=load, paths=paths, steps=steps, seed=seed)
+    report(summary, "points paths seconds", out)
 
 
 @app.command()
