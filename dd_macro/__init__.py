@@ -28,6 +28,7 @@ from dd_macro.methods.solution import Solution
 from dd_macro.methods.theory import THEORIES, make_projection, project
 from dd_macro.results.check import CHECKS, ErrorEstimate, check_by_data, check_by_source
 from dd_macro.results.compare import BlockStress, Comparison, FieldError, compare_blocks, interior_blocks
+from dd_macro.results.compare_bodies import BodyErrors, block_means, body_errors, inner_blocks
 from dd_macro.results.quadrature_file import QuadratureFields, read_quadrature, write_quadrature
 from dd_macro.results.vtkhdf import write_vtkhdf
 from dd_macro.results.write import write_solution
@@ -54,6 +55,7 @@ __all__ = [
     "AdaptiveMethod",
     "AdaptiveResult",
     "BlockStress",
+    "BodyErrors",
     "BodyForce",
     "Comparison",
     "DataDrivenResult",
@@ -106,6 +108,8 @@ __all__ = [
     "VoxelGrid",
     "Watch",
     "biot_dataset",
+    "block_means",
+    "body_errors",
     "box",
     "check_by_data",
     "check_by_source",
@@ -117,6 +121,7 @@ __all__ = [
     "fit_linear",
     "fit_polynomial",
     "in_space",
+    "inner_blocks",
     "interior_blocks",
     "isotropic",
     "make_projection",

@@ -7,6 +7,8 @@ SI units throughout; strain and stress vectors are Mandel (tsg_micro.data.mandel
 from tsg_micro.bodies.cell import indent_cell
 from tsg_micro.bodies.sheet import ClampedSheet, Sheet, stretch_sheet
 from tsg_micro.bodies.spheroid import build_spheroid, compress_spheroid
+from tsg_micro.bodies.voxel_body import BlockBody, build_block_body
+from tsg_micro.bodies.voxel_path import LoadedBody, VoxelLoads
 from tsg_micro.cells.lattice import box_cells, lattice, side_nodes, spheroid_cells
 from tsg_micro.cells.laws.linear import Linear, NoCompression
 from tsg_micro.cells.member_law import MemberLaw, Members, member_law
@@ -48,6 +50,7 @@ __all__ = [
     "BOXES",
     "RVE",
     "UNIT_CELLS",
+    "BlockBody",
     "BlockFields",
     "CellParameters",
     "ClampedSheet",
@@ -57,6 +60,7 @@ __all__ = [
     "EquilibriumSolver",
     "InputError",
     "Linear",
+    "LoadedBody",
     "MemberLaw",
     "Members",
     "NewtonOptions",
@@ -71,9 +75,11 @@ __all__ = [
     "Structure",
     "Tissue",
     "UnitCell",
+    "VoxelLoads",
     "append_dataset",
     "block_fields",
     "box_cells",
+    "build_block_body",
     "build_rve",
     "build_spheroid",
     "cell_gradient",
