@@ -29,13 +29,15 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class Drawn:
     """The points drawn, k of all ranks, the same on every rank: ``weight`` (k,) in m^3 is the volume w / pi that each
-    stands for, ``strain`` (k, 6), ``stress`` (k, 6) in Pa and ``region`` (k,) are theirs.
+    stands for, ``strain`` (k, 6), ``stress`` (k, 6) in Pa, ``region`` (k,) and ``bar_force`` (k,) in N are theirs; the
+    last is 0 where it is one in the region.
     """
 
     weight: Array
     strain: Array
     stress: Array
     region: NDArray[np.int64]
+    bar_force: Array
 
 
 def shares(comm: MPI.Comm, weights: Array, expected: Array) -> Array:
@@ -48,20 +50,28 @@ def shares(comm: MPI.Comm, weights: Array, expected: Array) -> Array:
 
 
 def draw(
-    operator: StrainOperator, share: Array, count: int, *, strain: Array, stress: Array, region: NDArray[np.int64]
+    operator: StrainOperator,
+    share: Array,
+    count: int,
+    *,
+    strain: Array,
+    stress: Array,
+    region: NDArray[np.int64],
+    bar_force: Array | None = None,
 ) -> Drawn:
     """Draw ``count`` points, or all there are, with chances that go with ``share`` (n,), positive; collective."""
     comm, n = operator.comm, len(share)
+    force = np.zeros(n) if bar_force is None else bar_force
     count = min(count, int(total(comm, n)))
     chance = _chances(comm, share, count)
     u = (point_keys(operator) >> np.uint64(11)).astype(float) / 2.0**53
     with np.errstate(divide="ignore"):
         turn = np.where(chance < 1.0, u * (1.0 - chance) / (chance * (1.0 - u)), -1.0)
     first = np.argsort(turn, kind="stable")[:count]
-    mine = np.column_stack([turn, operator.weights / chance, strain, stress, region])[first]
+    mine = np.column_stack([turn, operator.weights / chance, strain, stress, region, force])[first]
     rows = np.concatenate(comm.allgather(mine))
     rows = rows[np.lexsort((rows[:, 2], rows[:, 0]))[:count]]
-    return Drawn(rows[:, 1], rows[:, 2:8], rows[:, 8:14], rows[:, 14].astype(np.int64))
+    return Drawn(rows[:, 1], rows[:, 2:8], rows[:, 8:14], rows[:, 14].astype(np.int64), rows[:, 15])
 
 
 def _chances(comm: MPI.Comm, share: Array, count: int) -> Array:

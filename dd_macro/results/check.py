@@ -71,8 +71,12 @@ class ErrorEstimate:
 
 
 @one_thread
-def check_by_source(solution: Solution, sources: Sequence[Source], *, count: int = CHECKS) -> ErrorEstimate:
+def check_by_source(
+    solution: Solution, sources: Sequence[Source], *, bar_force: Array | None = None, count: int = CHECKS
+) -> ErrorEstimate:
     """The error by the answers of ``sources``, one for each region of the problem, at ``count`` points; collective.
+
+    ``bar_force`` (n,) in N is that of the points, where it varies in their region, 0 elsewhere.
 
     Raises:
         InputError: the stress measure of the solution's data cannot be had of the answers.
@@ -81,7 +85,7 @@ def check_by_source(solution: Solution, sources: Sequence[Source], *, count: int
     problem, z = solution.problem, solution.mechanical
     op, region = problem.operator, problem.region_of_points
     share = shares(op.comm, op.weights, _expected(solution))
-    drawn = draw(op, share, count, strain=z.strain, stress=z.stress, region=region)
+    drawn = draw(op, share, count, strain=z.strain, stress=z.stress, region=region, bar_force=bar_force)
     measure = "first_piola" if solution.dataset is None else solution.dataset.stress_measure
     answers, answered = _ask(sources, drawn, measure)
     failed = int((~answered).sum())
@@ -149,7 +153,8 @@ def _ask(sources: Sequence[Source], drawn: Drawn, measure: str) -> tuple[Dataset
         for begin in range(0, len(of_region), _AT_ONCE):
             here = of_region[begin : begin + _AT_ONCE]
             wanted = drawn.strain[here]
-            found = source.states(wanted, wanted)
+            forces = drawn.bar_force[here]
+            found = source.states(wanted, wanted, *((forces,) if forces.any() else ()))
             if found is None:
                 continue
             reached = _reached(found.strain, wanted)

@@ -76,7 +76,7 @@ def solve(
         given |= {"adapt_tolerance": adapt_tolerance, "stress_measure": stress_measure}
         given |= {"max_iterations": max_iterations, "over_relaxation": over_relaxation}
         given |= {"metric": None if metric == "auto" else metric} | dict.fromkeys(scene.given | cell.given, True)
-        _solve_file(scene_file, out, given, method=method, plots=plots)
+        _solve_file(scene_file, out, given, method=method, max_error=max_error, plots=plots)
         return
     from workflows.runs.adaptation import adaptation
     from workflows.runs.solve import solve as run
@@ -133,14 +133,21 @@ def compare(
 
 
 def _solve_file(
-    path: Path, out: Path, given: Mapping[str, object], *, method: str | None, plots: bool, command: str = "solve"
+    path: Path,
+    out: Path,
+    given: Mapping[str, object],
+    *,
+    method: str | None,
+    max_error: float | None = None,
+    plots: bool,
+    command: str = "solve",
 ) -> None:
     """The scene of a file by the method, its own if None; ``given`` are the options that would say the same."""
     from workflows.runs.solve_scene import solve_scene
     from workflows.scenes.read import read_alone
 
     model = read_alone(path, given, method=method)
-    summary = solve_scene(out, model, command=command, plots=plots, say=say)
+    summary = solve_scene(out, model, command=command, max_error=max_error, plots=plots, say=say)
     for warning in summary["warnings"]:
         say(f"{'warning':24} {warning}")
     report_sides(summary)

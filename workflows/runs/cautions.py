@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
@@ -10,7 +12,6 @@ import dd_macro as dd
 from dd_macro.compat import geometry_nodes
 from dd_macro.parallel import total
 from tsg_micro.continuum.rve_spec import KINDS, RVESpec
-from workflows.runs.scene import Scene
 
 __all__ = ["body_cautions", "scatter_caution"]
 
@@ -19,8 +20,11 @@ _NEAR, _FEW = 1e-3, 2.0
 _NOTICEABLE = 0.1
 
 
-def body_cautions(problem: dd.Problem, scene: Scene, rve: RVESpec | None) -> list[str]:
-    """What the body is too small for, or of another tissue than its data, ``rve`` if it is known; collective."""
+def body_cautions(problem: dd.Problem, rve: RVESpec | None, *, bends: Sequence[int], trilinear: bool) -> list[str]:
+    """What the body is too small for, or of another tissue than its data, ``rve`` if it is known; collective.
+
+    The body may bend across the axes ``bends``; its elements are ``trilinear`` or others.
+    """
     size, cell = _sizes(problem.operator.domain)
     found = []
     if rve is not None:
@@ -44,9 +48,8 @@ def body_cautions(problem: dd.Problem, scene: Scene, rve: RVESpec | None) -> lis
                 f"the body is {across[small[0]]:.3g} blocks across {'xyz'[small[0]]}, no more than an RVE: an average "
                 "over blocks says little of it; use tsgdd dns or tsgdd monolayer"
             )
-    bends = [0, 1] if scene.flat or scene.kinematics == "small" else [0, 1, 2]
     stiff = [axis for axis in bends if size[axis] < (1 + _NEAR) * cell[axis]]
-    if scene.parameters()["element"] == "trilinear" and stiff:
+    if trilinear and stiff:
         found.append(
             f"one trilinear element across {_names(stiff)}: it is too stiff where it bends; use --element enhanced, "
             "--degree 2 or more elements"

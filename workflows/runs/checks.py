@@ -13,9 +13,11 @@ from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.data.errors import ConvergenceError, InputError
 from workflows.runs.cautions import body_cautions, scatter_caution
 from workflows.runs.edges import specs_of
+from workflows.runs.materials import TissueData, point_bar_forces, scene_sources
 from workflows.runs.scene import Scene
+from workflows.scenes.scene import Built
 
-__all__ = ["LARGE_DISTANCE", "LARGE_ERROR", "Verdict", "check_limit", "estimate_error", "judge"]
+__all__ = ["LARGE_DISTANCE", "LARGE_ERROR", "Verdict", "check_limit", "estimate_error", "judge", "judge_scene"]
 
 LARGE_ERROR, LARGE_DISTANCE = 0.05, 0.05
 """Estimated error, and where there is none normalised distance, beyond which a run warns."""
@@ -71,7 +73,28 @@ def judge(solution: dd.Solution, scene: Scene, rve: RVESpec | None, limit: float
     estimate = estimate_error(solution, None if rve is None else specs_of(rve, solution.problem))
     figures = solution.figures()
     warnings = _of_the_data(estimate, figures)
-    warnings += body_cautions(solution.problem, scene, rve) + scatter_caution(solution)
+    bends = (0, 1) if scene.flat or scene.kinematics == "small" else (0, 1, 2)
+    trilinear = scene.parameters()["element"] == "trilinear"
+    warnings += body_cautions(solution.problem, rve, bends=bends, trilinear=trilinear) + scatter_caution(solution)
+    return Verdict(estimate, _line(estimate, figures), warnings, limit)
+
+
+def judge_scene(
+    built: Built, known: Sequence[TissueData], solution: dd.Solution, limit: float | None = None
+) -> Verdict | None:
+    """The same of the solution of a scene file; None where its material is a law that needs no data; collective."""
+    if solution.dataset is None:
+        return None
+    sources = scene_sources(built, known, solution.problem)
+    estimate = dd.check_by_data(solution)
+    if sources is not None:
+        estimate = dd.check_by_source(solution, sources, bar_force=point_bar_forces(built, solution.problem))
+    figures, solve = solution.figures(), built.model.solve
+    warnings = _of_the_data(estimate, figures)
+    trilinear = solve.degree == 1 and solve.element == "trilinear"
+    for rve in {one.rve for one in known}:
+        warnings += body_cautions(solution.problem, rve, bends=(0, 1, 2), trilinear=trilinear)
+    warnings = list(dict.fromkeys(warnings)) + scatter_caution(solution)
     return Verdict(estimate, _line(estimate, figures), warnings, limit)
 
 

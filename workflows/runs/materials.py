@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import dd_macro as dd
 from dd_macro.material.regional import RegionalLaw
@@ -19,14 +20,24 @@ from tsg_micro.data.dataset import Dataset, read_dataset
 from tsg_micro.data.errors import InputError
 from workflows.runs.adaptation import rve_of
 from workflows.runs.edges import data_of, in_parts, inside_of, sampled_places
+from workflows.runs.rest import with_rest
 from workflows.scenes.model import TissueModel
 from workflows.scenes.scene import Built
 from workflows.store.record import versions
 
-__all__ = ["METHOD_NAMES", "TissueData", "method_of", "read_tissues", "the_material"]
+__all__ = [
+    "METHOD_NAMES",
+    "TissueData",
+    "method_of",
+    "point_bar_forces",
+    "read_tissues",
+    "scene_sources",
+    "the_material",
+]
 
 METHOD_NAMES = {"points": "classical", "tangents": "second order"}
 """Short names of methods in scene files."""
+Array = NDArray[np.float64]
 Keep = Callable[[dd.Place], bool]
 
 
@@ -96,7 +107,7 @@ def _read(built: Built, method: dd.Method, model: TissueModel, tissue: Tissue, k
     dataset = dd.THEORIES[built.model.solve.kinematics].dataset(raw, None)
     if needed:
         _check_force(dataset, model, tissue)
-        return TissueData(inside_of(dataset, model.kind), dataset)
+        return TissueData(inside_of(dataset, model.kind), with_rest(dataset))
     given = tissue if model.bar_force is not None or model.file is not None else None
     return TissueData(rve_of(given, raw, model.kind), dataset)
 
@@ -116,9 +127,7 @@ def _is_fe2(method: dd.Method) -> bool:
 
 def the_material(built: Built, method: dd.Method, known: Sequence[TissueData], problem: dd.Problem) -> dd.Material:
     """One material of all regions of the problem."""
-    regions = problem.regions
-    places = (dd.INSIDE,) if regions is None else regions.places
-    tissues = (0,) * len(places) if regions is None else regions.tissues
+    places, tissues = _regions(problem)
     theory = dd.THEORIES[built.model.solve.kinematics]
     parts: list[dd.Material] = []
     for number, one in enumerate(known):
@@ -136,6 +145,31 @@ def the_material(built: Built, method: dd.Method, known: Sequence[TissueData], p
                 part = replace(part, source=_source(spec, problem, varies=force is not None))
             parts.append(part)
     return in_parts(parts)
+
+
+def point_bar_forces(built: Built, problem: dd.Problem) -> Array:
+    """f_b (n,) in N at the points, 0 where it is one in their tissue."""
+    varies = np.array([built.varies(number) for number in range(len(built.names))])
+    force = np.where(varies[built.cell_tissue], built.bar_force, 0.0)
+    return np.repeat(force, problem.operator.points_per_cell)
+
+
+def scene_sources(built: Built, known: Sequence[TissueData], problem: dd.Problem) -> list[dd.Source] | None:
+    """RVEs of every region of the problem; None where some tissue is of measured data."""
+    places, tissues = _regions(problem)
+    found: list[dd.Source] = []
+    for place, number in zip(places, tissues, strict=True):
+        rve = known[number].rve
+        if rve is None:
+            return None
+        found.append(_source(rve.at(place), problem, varies=built.varies(number)))
+    return found
+
+
+def _regions(problem: dd.Problem) -> tuple[Sequence[dd.Place], Sequence[int]]:
+    """Place and number of the tissue of every region."""
+    regions = problem.regions
+    return ((dd.INSIDE,), (0,)) if regions is None else (regions.places, regions.tissues)
 
 
 def _law(spec: RVESpec, part: dd.Material, problem: dd.Problem, number: int) -> dd.Law:

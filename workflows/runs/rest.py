@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tsg_micro.continuum.graded_source import GradedSource
 from tsg_micro.continuum.rve_source import RVESource
 from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.data.dataset import Dataset, convert_dataset, join_datasets
@@ -47,9 +48,13 @@ def with_rest(dataset: Dataset) -> Dataset:
 
 
 def _rest(spec: RVESpec, dataset: Dataset, run: dict[str, Any]) -> Dataset:
-    """The state at rest of this RVE, as one of the data of this run of ``dataset``."""
-    zero: NDArray[np.float64] = np.zeros((1, 6))
-    state = RVESource(spec).states(zero, zero)
+    """The state at rest of this RVE, as one of this run of ``dataset``; where the bar force varies, some of them."""
+    forces = None
+    if dataset.bar_force is not None:
+        low, high = dataset.bar_force.min(), dataset.bar_force.max()
+        forces = np.unique([low, np.sqrt(low * high), high])
+    zero: NDArray[np.float64] = np.zeros((1 if forces is None else len(forces), 6))
+    state = RVESource(spec).states(zero, zero) if forces is None else GradedSource(spec).states(zero, zero, forces)
     assert state is not None  # the reference state is one
     state = replace(state, strain=zero, stress=zero, support=None if state.support is None else zero)
     state = convert_dataset(state, dataset.stress_measure)

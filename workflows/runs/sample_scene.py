@@ -48,6 +48,8 @@ def sample_scene(
     given, kind = built.tissues[number], built.kinds[number]
     if not built.varies(number):
         return sample(out, load=load, paths=paths, steps=steps, tissue=given, seed=seed, kind=kind, plots=plots)
+    if load != "full":
+        raise InputError(f"load: expected full in a tissue whose bar force varies, got {load!r}")
     plan, comm = Plan(load, paths, steps, seed, given, kind=kind), built.domain.comm
     together(comm, lambda: output_file(out))
     begin = time.perf_counter()

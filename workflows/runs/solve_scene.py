@@ -13,6 +13,7 @@ from mpi4py import MPI
 import dd_macro as dd
 from dd_macro.parallel import together
 from tsg_micro.data.files import output_folder
+from workflows.runs.checks import check_limit, judge_scene
 from workflows.runs.materials import TissueData, method_of, read_tissues, the_material
 from workflows.runs.scene_figures import draw_scene
 from workflows.runs.scene_steps import Steps
@@ -32,18 +33,22 @@ def solve_scene(
     model: SceneModel,
     *,
     command: str = "solve",
+    max_error: float | None = None,
     plots: bool = True,
     say: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
     """Solve the scene in the steps of its load; all ranks of the world take part. ``command`` is for the summary.
+
+    An estimated error beyond ``max_error`` is an error.
 
     Writes quadrature.h5 and fields.vtkhdf of the last step, step-N.vtkhdf of each and fields.vtkhdf.series of all where
     there are several, data.h5 of an adaptive run, figures and, last of all, summary.json into ``out``.
 
     Raises:
         InputError: the scene is not valid, before any work.
-        ConvergenceError: a step did not converge.
+        ConvergenceError: a step did not converge, or the error is too large, after all files were written.
     """
+    check_limit(max_error)
     comm, begin = MPI.COMM_WORLD, time.perf_counter()
     built = build(comm, model)
     method = method_of(built)
@@ -65,7 +70,11 @@ def solve_scene(
     drop_summary(out, comm)
     resumed = steps.follow()
     dd.write_solution(out, steps.solution, stress_measure=MEASURE)
-    figures = _figures(steps) | {"resumed_after_step": (resumed, ""), "peak_memory": (peak_memory(), "B")}
+    verdict = judge_scene(built, known, steps.solution, max_error)
+    if verdict is not None:
+        say(verdict.line)
+    figures = _figures(steps) | ({} if verdict is None else verdict.figures())
+    figures |= {"resumed_after_step": (resumed, ""), "peak_memory": (peak_memory(), "B")}
     figures |= {"seconds": (time.perf_counter() - begin, "s")}
     summary = None
     if comm.rank == 0:
@@ -73,6 +82,8 @@ def solve_scene(
         if plots:
             draw_scene(out, steps.solution, steps.rows)
     steps.finish()
+    if verdict is not None:
+        verdict.enforce()
     return comm.bcast(summary)
 
 
