@@ -73,9 +73,8 @@ def judge(solution: dd.Solution, scene: Scene, rve: RVESpec | None, limit: float
     estimate = estimate_error(solution, None if rve is None else specs_of(rve, solution.problem))
     figures = solution.figures()
     warnings = _of_the_data(estimate, figures)
-    bends = (0, 1) if scene.flat or scene.kinematics == "small" else (0, 1, 2)
-    trilinear = scene.parameters()["element"] == "trilinear"
-    warnings += body_cautions(solution.problem, rve, bends=bends, trilinear=trilinear) + scatter_caution(solution)
+    warnings += body_cautions(solution.problem, rve, bends=scene.bends, trilinear=scene.trilinear)
+    warnings += scatter_caution(solution)
     return Verdict(estimate, _line(estimate, figures), warnings, limit)
 
 

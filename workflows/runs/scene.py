@@ -155,6 +155,16 @@ class Scene:
         """Force in N along which the top side moves, that of its support; collective."""
         return float(solution.reaction("top")[LOADS[self.load].axis])
 
+    @property
+    def bends(self) -> tuple[int, ...]:
+        """The axes across which the sheet may bend."""
+        return (0, 1) if self.flat or self.kinematics == "small" else (0, 1, 2)
+
+    @property
+    def trilinear(self) -> bool:
+        """Whether its elements are the plain ones of degree 1."""
+        return self.degree == 1 and self.element == "trilinear"
+
     def parameters(self) -> dict[str, object]:
         """For the summary; the element that is taken, None if of degree 2, and whether edges are where they can be."""
         edges = self.kind != "bulk" if self.edges is None else self.edges

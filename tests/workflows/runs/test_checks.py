@@ -77,7 +77,8 @@ def test_ranks_do_not_matter(chain, launch, read_summary, tmp_path):
 
 def cautions(rve, elements, **more):
     scene = Scene(load="stretch", strain=0.02, elements=elements, **more)
-    return " / ".join(body_cautions(scene.problem(MPI.COMM_SELF, TISSUE), scene, rve))
+    problem = scene.problem(MPI.COMM_SELF, TISSUE)
+    return " / ".join(body_cautions(problem, rve, bends=scene.bends, trilinear=scene.trilinear))
 
 
 SHEET, BULK = RVESpec(TISSUE), RVESpec.of_kind("bulk", TISSUE)
