@@ -4,9 +4,11 @@ A field f with the sum S = sum w f over the points of volume w is known at a few
 with the chance pi_i, then the sum of w_i f_i / pi_i over those drawn is S in the mean, whatever f is, and varies least
 where pi goes with w f. So the chances are half of the volume, and half of where f is expected to be large.
 
-The points are drawn without replacement by Rosen's Pareto sampling: those with the least u (1 - pi) / (pi (1 - u)),
-u a pseudo-random number of the point. u is made of the number of the cell in the mesh that was read or built, so
-neither the number of ranks nor the run decides what is drawn.
+Points of one group, as those with the same datum, are alike. So the chances of the groups are laid end to end, and each
+group gets as many points as there are whole numbers along its part (systematic sampling); a group whose chances sum to
+1 is never left out. Within a group they are drawn without replacement by Rosen's Pareto sampling: those with the least
+u (1 - c) / (c (1 - u)), c the chance among its group and u a pseudo-random number of the point. u is made of the number
+of the cell in the mesh that was read or built, so neither the number of ranks nor the run decides what is drawn.
 """
 
 from __future__ import annotations
@@ -21,22 +23,41 @@ from dd_macro.methods.points import point_keys
 from dd_macro.parallel import total
 from dd_macro.scene.spaces import StrainOperator
 
-__all__ = ["Drawn", "draw", "shares"]
+__all__ = ["Drawn", "Points", "draw", "shares"]
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+_START = 0.381966
+"""Where the whole numbers lie along the chances; no simple fraction, at which round-off would decide."""
+
+
+@dataclass(frozen=True)
+class Points:
+    """What of the n points of this rank is kept of those drawn: ``strain`` (n, 6), ``stress`` (n, 6) in Pa and what
+    clamps carry beside it, ``support`` (n, 6), ``region`` (n,), ``bar_force`` (n,) in N, 0 where it is one in the
+    region; and the ``group`` (n,) of each, of so many ``groups``.
+    """
+
+    strain: Array
+    stress: Array
+    support: Array
+    region: Index
+    bar_force: Array
+    group: Index
+    groups: int
 
 
 @dataclass(frozen=True)
 class Drawn:
     """The points drawn, k of all ranks, the same on every rank: ``weight`` (k,) in m^3 is the volume w / pi that each
-    stands for, ``strain`` (k, 6), ``stress`` (k, 6) in Pa, ``region`` (k,) and ``bar_force`` (k,) in N are theirs; the
-    last is 0 where it is one in the region.
+    stands for, the others are theirs as in :class:`Points`.
     """
 
     weight: Array
     strain: Array
     stress: Array
-    region: NDArray[np.int64]
+    support: Array
+    region: Index
     bar_force: Array
 
 
@@ -49,29 +70,33 @@ def shares(comm: MPI.Comm, weights: Array, expected: Array) -> Array:
     return weights / sums[0] + (weights * expected / sums[1] if sums[1] > 0 else 0.0)
 
 
-def draw(
-    operator: StrainOperator,
-    share: Array,
-    count: int,
-    *,
-    strain: Array,
-    stress: Array,
-    region: NDArray[np.int64],
-    bar_force: Array | None = None,
-) -> Drawn:
+def draw(operator: StrainOperator, points: Points, share: Array, count: int) -> Drawn:
     """Draw ``count`` points, or all there are, with chances that go with ``share`` (n,), positive; collective."""
     comm, n = operator.comm, len(share)
-    force = np.zeros(n) if bar_force is None else bar_force
     count = min(count, int(total(comm, n)))
     chance = _chances(comm, share, count)
+    certain = chance >= 1.0
+    group = points.group
+    part = total(comm, np.bincount(group, np.where(certain, 0.0, chance), minlength=points.groups))
+    wanted = np.diff(np.floor(np.cumsum(part) + _START), prepend=0.0).astype(np.int64)
     u = (point_keys(operator) >> np.uint64(11)).astype(float) / 2.0**53
-    with np.errstate(divide="ignore"):
-        turn = np.where(chance < 1.0, u * (1.0 - chance) / (chance * (1.0 - u)), -1.0)
-    first = np.argsort(turn, kind="stable")[:count]
-    mine = np.column_stack([turn, operator.weights / chance, strain, stress, region, force])[first]
-    rows = np.concatenate(comm.allgather(mine))
-    rows = rows[np.lexsort((rows[:, 2], rows[:, 0]))[:count]]
-    return Drawn(rows[:, 1], rows[:, 2:8], rows[:, 8:14], rows[:, 14].astype(np.int64), rows[:, 15])
+    own = np.clip(wanted[group] * chance / np.maximum(part[group], 1e-300), 1e-300, 1.0 - 1e-9)
+    turn = np.where(certain, -1.0, u * (1.0 - own) / (own * (1.0 - u)))
+    of_points = (points.strain, points.stress, points.support, points.region, points.bar_force)
+    mine = np.column_stack([turn, group, operator.weights / chance, *of_points])
+    rows = _first(mine[certain | (wanted[group] > 0)], wanted)  # no more than this rank can have among all
+    rows = _first(np.concatenate(comm.allgather(rows)), wanted)
+    return Drawn(rows[:, 2], rows[:, 3:9], rows[:, 9:15], rows[:, 15:21], rows[:, 21].astype(np.int64), rows[:, 22])
+
+
+def _first(rows: Array, wanted: Index) -> Array:
+    """Of rows with their turn and group, those that are certain and the first ``wanted`` (groups,) of each group."""
+    rows = rows[np.lexsort((rows[:, 3], rows[:, 0], rows[:, 1]))]
+    certain, group = rows[:, 0] < 0.0, rows[:, 1].astype(np.int64)
+    sizes = np.bincount(group, ~certain, minlength=len(wanted)).astype(np.int64)
+    before = np.concatenate([[0], np.cumsum(sizes)[:-1]])  # certain ones, first of their group, do not count
+    place = np.cumsum(~certain) - 1 - before[group]
+    return np.asarray(rows[certain | (place < wanted[group])])
 
 
 def _chances(comm: MPI.Comm, share: Array, count: int) -> Array:

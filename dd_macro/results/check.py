@@ -1,13 +1,14 @@
 """The error of a solution by the stress that its material has at strains that the solution visits.
 
 r = sigma - sigma(material at its strain) is known at a few points: there the material itself is asked, a source of
-data. They are drawn by volume and by where the data are furthest (dd_macro.methods.check_points), so that their sum
-sum w / pi |r|^2 is in the mean that of all points. With the answers also as tangent spaces, that of the nearest strain
-for each point of the body, r is known everywhere well enough to say how the state follows it
+data. They are drawn by volume and by where data are furthest, spread over the data (dd_macro.methods.check_points), so
+that their sum sum w / pi |r|^2 is in the mean that of all points. With the answers also as tangent spaces, that of the
+nearest strain for each point of the body, r is known everywhere well enough to say how the state follows it
 (dd_macro.methods.correction), and the
     error = |dz| / |z + dz|  (sum w / pi |r|^2 / sum w |r'|^2)^1/2,
 r' the residual of the tangent spaces, whose own error is of second order in the distance to the nearest strain and
-may be more than that of many data. |.| is the length of states in the metric of the secants of the answers.
+may be more than that of many data. What clamps carry beside sigma adds its own residual.
+|.| is the length of states in the metric of the secants of the answers.
 
 Where nothing can be asked, the data themselves answer, with tangents: all of them where they were taken as points, all
 but its own datum at each point where they were taken as tangent spaces. What leaving it out changes is the estimate
@@ -28,7 +29,7 @@ from scipy.spatial import cKDTree
 from dd_macro.material.estimated_tangents import estimate_tangents
 from dd_macro.material.metric import Metric, mean_tangent, secant_modulus
 from dd_macro.material.source import Source
-from dd_macro.methods.check_points import Drawn, draw, shares
+from dd_macro.methods.check_points import Drawn, Points, draw, shares
 from dd_macro.methods.correction import correct
 from dd_macro.methods.second_order import SecondOrderResult
 from dd_macro.methods.solution import Solution
@@ -85,7 +86,11 @@ def check_by_source(
     problem, z = solution.problem, solution.mechanical
     op, region = problem.operator, problem.region_of_points
     share = shares(op.comm, op.weights, _expected(solution))
-    drawn = draw(op, share, count, strain=z.strain, stress=z.stress, region=region, bar_force=bar_force)
+    groups = 1 if solution.dataset is None else len(solution.dataset)
+    support = np.zeros_like(z.stress) if solution.support is None else solution.support
+    force = np.zeros(len(region)) if bar_force is None else bar_force
+    points = Points(z.strain, z.stress, support, region, force, np.maximum(solution.index, 0), groups)
+    drawn = draw(op, points, share, count)
     measure = "first_piola" if solution.dataset is None else solution.dataset.stress_measure
     answers, answered = _ask(sources, drawn, measure)
     failed = int((~answered).sum())
@@ -101,7 +106,11 @@ def check_by_source(
     field, tangent = _residual(answers, near, solution)
     found = correct(problem, z, field, tangent, metric)
     ratio = sampled / found.residual if found.residual > 0 else 0.0
-    error = float(np.hypot(found.change * ratio, unanswered)) / found.state if found.state > 0 else 0.0
+    off = np.zeros_like(residual)
+    off[answered] = drawn.support[answered] - (0.0 if answers.support is None else answers.support)
+    beside = float(np.sqrt(drawn.weight @ (metric.whiten(np.zeros_like(off), off) ** 2).sum(axis=1)))
+    left = np.linalg.norm([found.change * ratio, unanswered, beside])
+    error = float(left) / found.state if found.state > 0 else 0.0
     return ErrorEstimate(error, kind, len(answered), failed, time.perf_counter() - begin)
 
 
@@ -167,6 +176,9 @@ def _ask(sources: Sequence[Source], drawn: Drawn, measure: str) -> tuple[Dataset
         name: np.concatenate([getattr(part, name) for _, part in parts])[order]
         for name in ("strain", "stress", "tangent", "path", "step")
     }
+    if any(part.support is not None for _, part in parts):
+        carried = [np.zeros_like(part.stress) if part.support is None else part.support for _, part in parts]
+        arrays["support"] = np.concatenate(carried)[order]
     return Dataset(stress_measure=measure, **arrays), answered
 
 
