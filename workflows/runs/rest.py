@@ -24,12 +24,15 @@ _AT_REST = 1e-12
 def with_rest(dataset: Dataset) -> Dataset:
     """The data with the unstrained state of every RVE that they are from and do not hold it of.
 
-    Measured data stay as they are: where their stress vanishes is theirs to say.
+    Measured data stay as they are: where their stress vanishes is theirs to say. So do those of a tissue whose bar
+    force varies, which begin with it.
 
     Raises:
         InputError: what the data say of their RVE is not valid.
         ConvergenceError: an RVE has no equilibrium in its reference state.
     """
+    if dataset.bar_force is not None:
+        return dataset
     runs: dict[tuple[Any, ...], list[int]] = {}
     specs = [RVESpec.from_parameters(source) for source in dataset.sources]
     for run, spec in enumerate(specs):

@@ -52,7 +52,7 @@ def test_a_law_is_a_method_too(chain, tmp_path):
     """Its summary has the figures of Newton's method, and the files are the same."""
     summary = solve(tmp_path, data=chain.data, scene=SCENE, method="linear elastic law")
     assert summary["residual"] < 1e-9
-    assert summary["data_points"] == 100
+    assert summary["data_points"] == 101
     fields = dd.read_quadrature(tmp_path / "quadrature.h5")
     np.testing.assert_array_equal(fields.material_stress, fields.mechanical_stress)
 
