@@ -58,7 +58,7 @@ class SolverOptions:
                 raise InputError(f"{name}: expected {expected}, got {getattr(self, name)}")
 
     def omega(self, iteration: int) -> float:
-        """Over-relaxation of an iteration, from 0: it stays for a quarter of the annealing, then falls linearly to 1."""
+        """Over-relaxation of an iteration, from 0: for a quarter of ``annealing`` the asked one, then down to 1."""
         part = 4.0 / 3.0 * (1.0 - iteration / self.annealing)
         return 1.0 + (self.over_relaxation - 1.0) * min(max(part, 0.0), 1.0)
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import dolfinx
 import dolfinx.fem.petsc
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
@@ -41,13 +40,9 @@ class CellShapes:
     @classmethod
     def of(cls, operator: StrainOperator, inner: Array) -> CellShapes:
         """Of the cells of ``operator``, and of gradients ``inner`` (cells, points, 3, 3) of the inner functions."""
-        cells = operator.domain.owned_cells
-        offsets = operator.cell_corners - operator.cell_corners[:, :1]
-        size = operator.comm.allreduce(float(np.abs(offsets).max(initial=0.0)), MPI.MAX)
-        rounded = np.rint(offsets / (_SAME * size)).reshape(cells, 24).astype(np.int64)
-        _, first, kind = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
-        gradients = np.concatenate([operator.shape_gradients(first), inner[first]], axis=2)
-        return cls(kind, gradients, operator.weights.reshape(cells, operator.points_per_cell)[first])
+        maps = operator.maps
+        gradients = np.concatenate([operator.shape_gradients(maps.first), inner[maps.first]], axis=2)
+        return cls(maps.kind, gradients, maps.weights)
 
 
 class CondensedMatrix(Stiffness):

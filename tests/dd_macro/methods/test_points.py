@@ -128,7 +128,9 @@ def test_over_relaxation_falls_to_one(hard):
     scene, dataset = hard
     for annealing in (4, 12):
         options = SolverOptions(over_relaxation=1.9, annealing=annealing)
-        omega = np.array([h.omega for h in solve(scene, MaterialSearch(dataset, scene.metric), options=options).history])
+        omega = np.array(
+            [h.omega for h in solve(scene, MaterialSearch(dataset, scene.metric), options=options).history]
+        )
         assert omega[0] == 1.9
         assert (np.diff(omega) <= 0).all()
         assert (omega[:annealing] > 1).sum() == (omega > 1).sum() <= annealing
