@@ -3,7 +3,7 @@
     (sum w B^T C B) u   = sum w B^T C epsilon*,        u as prescribed
     (sum w B^T C B) eta = f - sum w B^T sigma*,        eta = 0 where u is prescribed
     epsilon = B u,   sigma = sigma* + C B eta
-One matrix, factorised once, serves both.
+One matrix, factorised once, serves both, at once.
 """
 
 from __future__ import annotations
@@ -107,8 +107,9 @@ class Projection:
             ConvergenceError: the linear solver fails.
         """
         op, C = self.operator, self.metric.C
-        u = self.problem.prescribed + self._linear.solve(op.force((strain - self._prescribed_strain) @ C))
-        eta = self._linear.solve(self.problem.forces - op.force(stress))
+        compatibility = op.force((strain - self._prescribed_strain) @ C)
+        found, eta = self._linear.solve_both(compatibility, self.problem.forces - op.force(stress))
+        u = self.problem.prescribed + found
         return MechanicalState(u, eta, op.strain(u), stress + op.strain(eta) @ C)
 
     def elastic(self) -> MechanicalState:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from dd_macro import Displacement, Problem, StrainOperator, box, isotropic
@@ -71,3 +72,14 @@ def test_solvers_that_solve_agree(comm, options, text, thickness):
     energy = total(comm, [x @ b, np.abs(x @ b)])
     assert energy[0] > 0
     assert not solver.solve(0 * b).any()
+
+
+@pytest.mark.parametrize("text", ["", "ksp_type preonly pc_type lu", "ksp_type cg pc_type jacobi"])
+def test_two_right_sides_at_once_are_one_after_the_other(comm, options, text):
+    options(text)
+    operator, solver = make(comm)
+    a = right_side(operator)
+    b = np.cos(3e5 * operator.node_coordinates()).ravel()
+    for found, expected in zip(solver.solve_both(a, b), (solver.solve(a), solver.solve(b)), strict=True):
+        scale = comm.allreduce(np.abs(expected).max(initial=0.0), op=MPI.MAX)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * scale)
