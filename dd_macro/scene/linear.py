@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 
 DIRECT_BELOW = 200_000
 """Number of unknowns up to which the default solver is a factorisation."""
+_CLOSE, _MOST_OLD = 1e-10, 30
 _RESIDUAL, _ROUND_OFF = 1e-6, 1e-13
 """Of the right side, and of K x; Euclidean norms."""
 
@@ -59,11 +60,16 @@ class LinearSolver:
         self._x, self._b = K.createVecs()
         self._r = self._b.duplicate()
         self._pair: tuple[PETSc.Mat, ...] | None = None
+        self._old, self._gradients = False, PETSc.KSP().create(operator.comm)
         x = K.createVecLeft()
         x.setBlockSize(3)
         x.array[:] = operator.node_coordinates().reshape(-1)
         K.setNearNullSpace(PETSc.NullSpace().createRigidBody(x))
         self._ksp = _make_solver(operator, K, prefix)
+        self._gradients.setType("cg")
+        self._gradients.setPC(self._ksp.getPC())
+        self._gradients.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+        self._gradients.setTolerances(rtol=_CLOSE, max_it=_MOST_OLD)
         if not definite and self._counts_pivots():
             self._ksp.getPC().setFactorSetUpSolverType()
             self._ksp.getPC().getFactorMatrix().setMumpsIcntl(13, 1)  # count the pivots of the root front too
@@ -72,12 +78,19 @@ class LinearSolver:
         factor = pc.getFactorSolverType() if pc.getType() in ("cholesky", "lu") else None
         self.name = f"{ksp.getType()} + {pc.getType()}" + (f" ({factor})" if factor else "")
 
-    def update(self) -> None:
+    def update(self, *, keep: bool = False) -> None:
         """Take over the values that K was newly assembled with.
+
+        With ``keep`` a factorisation of earlier values stays, as long as conjugate gradients find solutions with it;
+        one that is not positive definite does not.
 
         Raises:
             ConvergenceError: the factorisation fails.
         """
+        pc = self._ksp.getPC()
+        direct = self._ksp.getType() == "preonly" and pc.getType() in ("cholesky", "lu")
+        self._old = keep and direct and not len(self._motions) and self.negative_pivots in (None, 0)
+        pc.setReusePreconditioner(self._old)
         K, ksp = self.matrix, self._ksp
         mean = abs(K.getDiagonal()).sum() / K.getSize()[0]
         K.zeroRowsColumns(self._rows, diag=mean)
@@ -96,15 +109,29 @@ class LinearSolver:
                 self._comm, self._motions, solve=self._solved, product=self._product, shift=SHIFT * mean
             )
 
-    def solve(self, right_side: Array) -> Array:
+    def solve(self, right_side: Array, *, within: float = _CLOSE) -> Array:
         """The unknowns for the forces ``right_side`` on them, whose prescribed components do not count.
+
+        With a factorisation of earlier values (:meth:`update`) they are right to a residual of ``within`` of it.
 
         Raises:
             ConvergenceError: the solver fails, or its solution does not solve the system.
         """
         nodal = np.where(self._fixed, 0.0, self._stiffness.condense(right_side))
-        x = self._solved(nodal) if self._mean is None else self._mean.solve(nodal)
+        x = self._close(nodal, within) if self._old else None
+        if x is None:
+            x = self._solved(nodal) if self._mean is None else self._mean.solve(nodal)
         return self._stiffness.expand(np.where(self._fixed, 0.0, x), right_side)
+
+    def _close(self, b: Array, within: float) -> Array | None:
+        """K^-1 b by conjugate gradients with an older factorisation; None, and a new one, where they do not converge."""
+        self._b.array[:] = b
+        self._gradients.setTolerances(rtol=min(max(within, _CLOSE), 0.1))
+        self._gradients.solve(self._b, self._x)
+        if self._gradients.getConvergedReason() > 0:
+            return np.array(self._x.array)
+        self.update()
+        return None
 
     def _solved(self, b: Array) -> Array:
         """K^-1 b (3 * nodes,)."""
@@ -128,7 +155,7 @@ class LinearSolver:
         Raises:
             ConvergenceError: see there.
         """
-        if self._ksp.getType() != "preonly" or self._ksp.getPC().getType() not in ("cholesky", "lu"):
+        if self._mean is not None or self._ksp.getType() != "preonly" or self._ksp.getPC().getType() not in ("cholesky", "lu"):
             return self.solve(one), self.solve(other)
         sides = [np.where(self._fixed, 0.0, self._stiffness.condense(side)) for side in (one, other)]
         if self._pair is None:

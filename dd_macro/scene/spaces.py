@@ -233,8 +233,8 @@ class Stiffness:
     def __init__(self, matrix: PETSc.Mat) -> None:
         self.matrix = matrix
 
-    def assemble(self, C: Array) -> PETSc.Mat:
-        """``matrix`` with the moduli C in Pa at the quadrature points."""
+    def assemble(self, C: Array, own: NDArray[np.int64] | None = None) -> PETSc.Mat:
+        """``matrix`` with the moduli C in Pa at the quadrature points, or those of C that are each point's ``own``."""
         raise NotImplementedError
 
     def condense(self, force: Array) -> Array:
@@ -266,9 +266,9 @@ class TangentMatrix(Stiffness):
         self._form = compile_form(ufl.inner(operator.expression(v), stress) * operator.dx)
         super().__init__(dolfinx.fem.petsc.create_matrix(self._form))
 
-    def assemble(self, C: Array) -> PETSc.Mat:
-        """``matrix`` with the moduli C in Pa, (n, 6, 6) or with 9 components (n, 9, 9)."""
-        self._moduli.x.array.reshape(-1, *C.shape[1:])[self._order] = C
+    def assemble(self, C: Array, own: NDArray[np.int64] | None = None) -> PETSc.Mat:
+        """``matrix`` with the moduli C in Pa, (n, 6, 6) or with 9 components (n, 9, 9); of ``own`` numbers (n,)."""
+        self._moduli.x.array.reshape(-1, *C.shape[1:])[self._order] = C if own is None else C[own]
         self.matrix.zeroEntries()
         dolfinx.fem.petsc.assemble_matrix(self.matrix, self._form)
         self.matrix.assemble()

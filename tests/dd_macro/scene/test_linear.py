@@ -83,3 +83,26 @@ def test_two_right_sides_at_once_are_one_after_the_other(comm, options, text):
     for found, expected in zip(solver.solve_both(a, b), (solver.solve(a), solver.solve(b)), strict=True):
         scale = comm.allreduce(np.abs(expected).max(initial=0.0), op=MPI.MAX)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * scale)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_older_factorisation_finds_the_same_solution(comm, sign):
+    """Conjugate gradients with the factor of other values, and a new factor where the matrix is not positive."""
+    operator, _ = make(comm)
+    problem = Problem(operator, [Displacement("bottom")])
+    soft = isotropic(young=1e3, poisson=0.3).C
+    hard = np.where(operator.points[:, :1, None] > 2e-5, 3.0, 1.0) * soft
+    stiffness = operator.stiffness()
+    b, found = right_side(operator), []
+    for keep in (False, True):
+        stiffness.assemble(np.broadcast_to(soft, hard.shape))
+        solver = LinearSolver(problem, stiffness, prefix="test_", definite=False)
+        stiffness.assemble(sign * hard)
+        solver.update(keep=keep)
+        found.append(solver.solve(b))
+    scale = comm.allreduce(np.abs(found[0]).max(initial=0.0), op=MPI.MAX)
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-8 * scale)
+    if sign > 0:
+        near = solver.solve(2.0 * b, within=1e-2)
+        away = comm.allreduce(np.abs(near - 2.0 * found[0]).max(initial=0.0), op=MPI.MAX)
+        assert 1e-8 * scale < away < 0.1 * scale
