@@ -9,7 +9,8 @@ from petsc4py import PETSc
 
 from dd_macro import Displacement, Problem, StrainOperator, box, isotropic
 from dd_macro.parallel import total
-from dd_macro.scene.linear import LinearSolver
+from dd_macro.scene import linear
+from dd_macro.scene.linear import LinearSolver, factor_memory
 from tsg_micro.data.errors import ConvergenceError
 
 pytestmark = pytest.mark.mpi
@@ -106,3 +107,17 @@ def test_an_older_factorisation_finds_the_same_solution(comm, sign):
         near = solver.solve(2.0 * b, within=1e-2)
         away = comm.allreduce(np.abs(near - 2.0 * found[0]).max(initial=0.0), op=MPI.MAX)
         assert 1e-8 * scale < away < 0.1 * scale
+
+
+@pytest.mark.parametrize("elements", [(30, 30, 1), (20, 20, 3), (8, 8, 8)])
+def test_memory_of_a_factor_is_estimated(comm, elements, monkeypatch):
+    """At least that of its entries, not more than twice as much; what does not fit is solved by iterations."""
+    operator = StrainOperator(box(comm, elements=elements, size=tuple(1e-5 * n for n in elements)))
+    problem = Problem(operator, [Displacement("bottom")])
+    C = isotropic(young=1e3, poisson=0.3).C
+    solver = LinearSolver(problem, operator.stiffness(C), prefix="test_")
+    if "mumps" in solver.name:
+        entries = solver._ksp.getPC().getFactorMatrix().getMumpsInfog(29)
+        assert 12.0 * entries < factor_memory(operator) < 24.0 * entries
+    monkeypatch.setattr(linear, "available_memory", lambda: int(factor_memory(operator)))
+    assert LinearSolver(problem, operator.stiffness(C), prefix="test_").name == "cg + gamg"
