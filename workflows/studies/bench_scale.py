@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.files import output_folder
@@ -120,11 +121,11 @@ def _exponents(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     for method, ranks in dict.fromkeys((row["method"], row["ranks"]) for row in rows):
         own = [row for row in rows if (row["method"], row["ranks"]) == (method, ranks)]
         own = own[min(len(own) // 2, max(len(own) - 2, 0)) :]
-        fits = {
-            name: float(np.polyfit(*(np.log([row[key] for row in own]) for key in ("elements", name)), 1)[0])
-            if len(own) > 1
-            else None
-            for name in _FITTED
-        }
+        size = np.log([row["elements"] for row in own])
+        fits = {name: _slope(size, np.log([float(row[name]) for row in own])) for name in _FITTED}
         found.append({"method": method, "ranks": ranks, **fits})
     return found
+
+
+def _slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> float | None:
+    return float(np.polyfit(x, y, 1)[0]) if len(x) > 1 else None
