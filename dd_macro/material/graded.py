@@ -7,9 +7,8 @@ datum's own rate d sigma / d f_b takes up, as its tangent does for the strain.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import copy
+from dataclasses import replace
 from typing import Self
 
 import numpy as np

@@ -206,7 +206,7 @@ def _result(
     data = search.dataset
     outside = search.outside(z.strain)
     size = (search.metric.whiten(z.strain, z.stress) ** 2).sum(axis=1)
-    sums = total(comm, [w @ local**2, w @ size, outside.sum(), len(w)])
+    sums = total(comm, [float(w @ local**2), float(w @ size), float(outside.sum()), float(len(w))])
     normalised = float(np.sqrt(sums[0] / sums[1])) if sums[1] > 0 else float(sums[0] > 0)
     return DataDrivenResult(
         problem=projection.problem,

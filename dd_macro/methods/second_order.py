@@ -249,7 +249,8 @@ def _result(
     white = search.metric.whiten(z.strain, z.stress)
     local = np.linalg.norm(white - search.metric.whiten(strain, stress), axis=1)
     outside = search.outside(z.strain)
-    sums = total(comm, [w @ local**2, w @ (white**2).sum(axis=1), outside.sum(), (part < 1).sum(), len(w)])
+    numbers = w @ local**2, w @ (white**2).sum(axis=1), outside.sum(), (part < 1).sum(), len(w)
+    sums = total(comm, [float(number) for number in numbers])
     return SecondOrderResult(
         problem=record.projection.problem,
         metric=search.metric,

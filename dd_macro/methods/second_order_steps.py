@@ -171,7 +171,9 @@ class LocalTangentStep:
             if correction > 1 and residual > left:
                 break
             left = residual
-            u = u + self._linear.solve(scene.problem.forces - op.force(stress), within=0.3 * enough / max(residual, enough))
+            u = u + self._linear.solve(
+                scene.problem.forces - op.force(stress), within=0.3 * enough / max(residual, enough)
+            )
             strain = op.strain(u)
         raise ConvergenceError(
             f"local tangents: expected equilibrium, got an out-of-balance force of {residual:.3g} of all forces; the "

@@ -127,7 +127,7 @@ class LinearSolver:
         return self._stiffness.expand(np.where(self._fixed, 0.0, x), right_side)
 
     def _close(self, b: Array, within: float) -> Array | None:
-        """K^-1 b by conjugate gradients with an older factorisation; None, and a new one, where they do not converge."""
+        """K^-1 b by conjugate gradients with an older factorisation; None, and a new one, where that fails."""
         self._b.array[:] = b
         self._gradients.setTolerances(rtol=min(max(within, _CLOSE), 0.1))
         self._gradients.solve(self._b, self._x)
@@ -158,7 +158,11 @@ class LinearSolver:
         Raises:
             ConvergenceError: see there.
         """
-        if self._mean is not None or self._ksp.getType() != "preonly" or self._ksp.getPC().getType() not in ("cholesky", "lu"):
+        if (
+            self._mean is not None
+            or self._ksp.getType() != "preonly"
+            or self._ksp.getPC().getType() not in ("cholesky", "lu")
+        ):
             return self.solve(one), self.solve(other)
         sides = [np.where(self._fixed, 0.0, self._stiffness.condense(side)) for side in (one, other)]
         if self._pair is None:

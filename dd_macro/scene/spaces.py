@@ -87,7 +87,7 @@ class StrainOperator:
         self._gradients = CellGradients(self.maps, local, self.directions)
         self._dofs = self.displacements.dofmap.list[: domain.owned_cells].astype(np.int64)
         self._ghosted = dolfinx.fem.Function(self.displacements)
-        self.weights = self.maps.weights[self.maps.kind].reshape(-1)
+        self.weights: Array = self.maps.weights[self.maps.kind].reshape(-1)
 
     @staticmethod
     def expression(u: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
