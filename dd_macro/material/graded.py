@@ -8,6 +8,7 @@ datum's own rate d sigma / d f_b takes up, as its tangent does for the strain.
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
@@ -89,6 +90,4 @@ class GradedTangents(_Graded, StrainSearch):
         if data.bar_force_rate is None or data.bar_force is None:
             return spaces
         change = (self._at - data.bar_force[index])[:, None] * data.bar_force_rate[index]
-        return TangentSpaces(
-            spaces.strain, spaces.stress + change, spaces.tangent, spaces.index, spaces.reach, shared=True
-        )
+        return replace(spaces, stress=spaces.stress + change)

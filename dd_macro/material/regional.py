@@ -110,14 +110,15 @@ class RegionalTangentSearch(RegionalSearch, TangentSearch):
 
     def _together(self, pieces: Sequence[TangentSpaces], n: int) -> TangentSpaces:
         """The tangent spaces of all points, of those of the parts."""
-        arrays = []
-        for name in ("strain", "stress", "tangent", "index", "reach"):
-            first = getattr(pieces[0], name)
-            whole = np.zeros((n, *first.shape[1:]), dtype=first.dtype)
-            for piece, points, begin in zip(pieces, self._points, self._begin, strict=False):
-                whole[points] = getattr(piece, name) + (begin if name == "index" else 0)
-            arrays.append(whole)
-        return TangentSpaces(*arrays, shared=all(piece.shared for piece in pieces))
+        found = {}
+        first = np.cumsum([0, *(len(piece.tangents) for piece in pieces)])
+        for name, more in (("strain", 0), ("stress", 0), ("own", first), ("index", self._begin), ("reach", 0)):
+            values = getattr(pieces[0], name)
+            whole = np.zeros((n, *values.shape[1:]), dtype=values.dtype)
+            for k, (piece, points) in enumerate(zip(pieces, self._points, strict=True)):
+                whole[points] = getattr(piece, name) + (more if isinstance(more, int) else more[k])
+            found[name] = whole
+        return TangentSpaces(tangents=np.concatenate([piece.tangents for piece in pieces]), **found)
 
 
 class RegionalLaw:

@@ -10,7 +10,7 @@ the data, is exact for linear data, and an offset from all data, as strains have
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from dd_macro.material.metric import Metric
 from dd_macro.material.neighbourhood import Neighbourhood
 from dd_macro.material.search import MaterialSearch
+from dd_macro.products import times
 from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import InputError
 
@@ -28,18 +29,27 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class TangentSpaces:
-    """The tangent spaces at n quadrature points: strain (n, 6), stress (n, 6) and tangent (n, 6, 6), both in Pa.
+    """The tangent spaces at n quadrature points: strain (n, 6), stress (n, 6) and tangents (k, 6, 6), both in Pa.
 
-    ``index`` (n,) is the nearest datum of each point, ``reach`` (n,) how far d may go, as a length in sqrt(J/m^3).
-    ``shared``: points with the same datum have the same tangent, it is not an average.
+    ``index`` (n,) is the nearest datum of each point, ``reach`` (n,) how far d may go, as a length in sqrt(J/m^3);
+    ``own`` (n,) the number of its tangent: points with the same datum share one, averages are one for each point.
     """
 
     strain: Array
     stress: Array
-    tangent: Array
+    tangents: Array
+    own: NDArray[np.int64]
     index: NDArray[np.int64]
     reach: Array
-    shared: bool = field(default=False, kw_only=True)
+
+    @property
+    def tangent(self) -> Array:
+        """The tangent at every point (n, 6, 6) in Pa."""
+        return self.tangents[self.own]
+
+    def stress_at(self, strain: Array) -> Array:
+        """Stress (n, 6) in Pa of the tangent spaces at the strain (n, 6)."""
+        return self.stress + times(self.tangents, self.own, strain - self.strain)
 
 
 class TangentSearch(MaterialSearch):
@@ -104,14 +114,17 @@ class TangentSearch(MaterialSearch):
         at = np.einsum("nk,nki->ni", weight, data.strain[place])
         D = np.einsum("nk,nkij->nij", weight, data.tangent[place])
         tau = data.stress[place] + np.einsum("nkij,nkj->nki", data.tangent[place], at[:, None] - data.strain[place])
-        return TangentSpaces(at, np.einsum("nk,nki->ni", weight, tau), D, place[:, 0], self._reach[place[:, 0]])
+        tau, nearest = np.einsum("nk,nki->ni", weight, tau), place[:, 0]
+        return TangentSpaces(at, tau, D, np.arange(len(at)), nearest, self._reach[nearest])
 
     def of(self, index: NDArray[np.int64]) -> TangentSpaces:
         """Tangent spaces of the data of these numbers (n,)."""
         data = self.dataset
         assert data.tangent is not None
-        at, tau, D = data.strain[index], data.stress[index], data.tangent[index]
-        return TangentSpaces(at, tau, D, index, self._reach[index], shared=True)
+        used = np.zeros(len(data), dtype=bool)
+        used[index] = True
+        own = (np.cumsum(used) - 1)[index]
+        return TangentSpaces(data.strain[index], data.stress[index], data.tangent[used], own, index, self._reach[index])
 
     def trusted(self, spaces: TangentSpaces, strain: Array) -> Array:
         """Fraction (n,) of the way from the datum to ``strain`` (n, 6) that the data vouch for; 1 if all of it."""
@@ -156,10 +169,9 @@ class SpaceProjection:
         self.spaces = spaces
         L = metric.factor
         self._whiten, self._back = L, np.linalg.inv(L)
-        point = np.arange(len(spaces.index))
-        _, first, own = np.unique(spaces.index if spaces.shared else point, return_index=True, return_inverse=True)
-        D = self._back @ spaces.tangent[first] @ self._back.T
-        self._tangent, self._inverse = D[own], np.linalg.inv(np.eye(6) + D.swapaxes(1, 2) @ D)[own]
+        self._tangent = self._back @ spaces.tangents @ self._back.T
+        self._inverse = np.linalg.inv(np.eye(6) + self._tangent.swapaxes(1, 2) @ self._tangent)
+        self._across = self._inverse @ self._tangent.swapaxes(1, 2)
 
     def closest(self, strain: Array, stress: Array) -> tuple[Array, Array]:
         """Strain (n, 6) and stress (n, 6) in Pa of the tangent spaces nearest to these."""
@@ -169,5 +181,6 @@ class SpaceProjection:
     def along(self, strain: Array, stress: Array) -> tuple[Array, Array]:
         """The part along the tangent spaces of a change of strain (n, 6) and stress (n, 6) in Pa."""
         x, s = strain @ self._whiten, stress @ self._back.T
-        d = np.einsum("nij,nj->ni", self._inverse, x + np.einsum("nji,nj->ni", self._tangent, s))
-        return d @ self._back, np.einsum("nij,nj->ni", self._tangent, d) @ self._whiten.T
+        own = self.spaces.own
+        d = times(self._inverse, own, x) + times(self._across, own, s)
+        return d @ self._back, times(self._tangent, own, d) @ self._whiten.T

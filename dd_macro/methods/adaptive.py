@@ -30,7 +30,7 @@ from dd_macro.methods.clusters import cluster
 from dd_macro.methods.method import SILENT, Material, Watch, with_iterations
 from dd_macro.methods.metric_choice import choose_metric
 from dd_macro.methods.projection import MechanicalState, Projection, relative_distance
-from dd_macro.methods.second_order import SecondOrderOptions, SecondOrderResult, solve_second_order
+from dd_macro.methods.second_order import SecondOrderOptions, SecondOrderResult, iterate
 from dd_macro.methods.second_order_steps import StepRecord
 from dd_macro.methods.theory import local_tangent_step, project
 from dd_macro.parallel import one_thread, total
@@ -182,7 +182,7 @@ class PreparedAdaptive:
                 rounds.grow(known)
             if rounds.reason:
                 options = replace(self.method.options, hold_after=_HOLD_AFTER)
-                result = solve_second_order(rounds.projection, rounds.search, start=rounds.z, options=options)
+                result = rounds.finish(options)
                 numbers["iterations"] += result.iterations
             rounds.done.append(Round(**numbers, seconds=time.perf_counter() - begin))
         found = {f.name: getattr(result, f.name) for f in fields(result)}
@@ -210,6 +210,7 @@ class _Rounds:
         size = _root_mean_square(self.problem.operator.comm, self.problem.operator.weights, metric, self.z.strain)
         self._forces = forces
         self._coordinates = [Coordinates(metric, None if own is None else size) for own in forces]
+        self.projection.rest()
         self.done: list[Round] = []
         self.reason = ""
 
@@ -222,7 +223,7 @@ class _Rounds:
         self.spaces, iterations = self.search.spaces(last.strain, last.stress), 0
         if self.done or self._given:
             step = self._onto
-            self.z, iterations = step(last, self.spaces, changed=0, search=0.0, final=step.exact), 1
+            self.z, iterations = step(last, self.spaces, changed=0, search=0.0, final=False), 1
         change = relative_distance(operator, C, last, self.z) if self.done else None
         (gap, new), old = _gap(operator.comm, operator.weights, C, self.z.strain, self._off(known)), self._away
         self._away, left = new, min(new / old, _LEFT) if old > 0 else _LEFT
@@ -247,6 +248,11 @@ class _Rounds:
             x = where.of(self.z.strain[at], None if there is None else own)
             off[at] = np.linalg.norm(x - where.of(known.strain[datum], there), axis=1)
         return off
+
+    def finish(self, options: SecondOrderOptions) -> SecondOrderResult:
+        """The problem solved to the end, with the matrix of the rounds."""
+        self._onto.record = StepRecord(self.projection, options.max_iterations, None)
+        return iterate(self._onto, self.search, self.z, options)
 
     def grow(self, known: Dataset) -> None:
         """Ask for more data, or say why there are no more."""
@@ -320,6 +326,6 @@ def _surprise(found: Dataset, search: TangentSearch) -> float:
     if isinstance(search, GradedTangents) and found.bar_force is not None:
         search = search.for_points(found.bar_force)
     spaces, whiten = search.spaces(found.strain, found.stress), search.metric.whiten
-    stress = spaces.stress + np.einsum("nij,nj->ni", spaces.tangent, found.strain - spaces.strain)
+    stress = spaces.stress_at(found.strain)
     size = np.linalg.norm(whiten(np.zeros_like(stress), found.stress))
     return float(np.linalg.norm(whiten(np.zeros_like(stress), stress - found.stress)) / size) if size > 0 else 0.0

@@ -1,8 +1,9 @@
 """The data-driven solve: fixed-point iteration between the data set and the constraint set (paper, Section 4.1).
 
 Queries are over-relaxed: the nearest datum is looked up of y + omega (z - y), with y the material and z the
-mechanical state. With omega > 1 the iteration leaves its start behind, but may cycle; so the best state found that
-way is finished with omega = 1, for which the distance can only fall and the iteration ends by itself.
+mechanical state. With omega > 1 the iteration leaves its start behind, but may cycle, and on a fine mesh some points
+change their datum for ever; so omega falls to 1 in a fixed number of iterations, and the best state found on the way is
+finished with omega = 1, for which the distance can only fall and the iteration ends by itself.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ class SolverOptions:
     """How the fixed-point iteration runs.
 
     ``max_iterations`` bounds all iterations, ``tolerance`` is the relative change of the distance below which a
-    step with omega = 1 has converged, ``over_relaxation`` is omega of the first phase (1 leaves that phase out), and
-    ``patience`` the number of its iterations without a better distance that end it.
+    step with omega = 1 has converged, ``over_relaxation`` is the omega to start with (1: the plain iteration), and
+    ``annealing`` the number of iterations in which it falls to 1, after a quarter of them.
 
     Raises:
         InputError: on construction, where a value is out of range.
@@ -43,18 +44,23 @@ class SolverOptions:
 
     max_iterations: int = 300
     tolerance: float = 1e-8
-    over_relaxation: float = 1.7
-    patience: int = 8
+    over_relaxation: float = 1.8
+    annealing: int = 20
 
     def __post_init__(self) -> None:
         for name, good, expected in (
             ("max_iterations", self.max_iterations >= 1, "at least 1"),
             ("tolerance", 0 <= self.tolerance < 1, "a number in [0, 1)"),
             ("over_relaxation", 1 <= self.over_relaxation < 2, "a number in [1, 2)"),
-            ("patience", self.patience >= 1, "at least 1"),
+            ("annealing", self.annealing >= 1, "at least 1"),
         ):
             if not good:
                 raise InputError(f"{name}: expected {expected}, got {getattr(self, name)}")
+
+    def omega(self, iteration: int) -> float:
+        """Over-relaxation of an iteration, from 0: for a quarter of ``annealing`` the asked one, then down to 1."""
+        part = 4.0 / 3.0 * (1.0 - iteration / self.annealing)
+        return 1.0 + (self.over_relaxation - 1.0) * min(max(part, 0.0), 1.0)
 
 
 @dataclass(frozen=True)
@@ -143,11 +149,11 @@ def _iterate(
     metric = search.metric
     key = point_keys(projection.operator)
     index, _ = search.nearest(metric.whiten(z.strain, z.stress))
-    omega = options.over_relaxation
-    best_distance, best_index, since_best = np.inf, index, 0
+    best_distance, best_index = np.inf, index
     seen: set[int] = set()
-    previous = np.inf
+    previous, relaxed = np.inf, True
     while len(history) < options.max_iterations:
+        omega = options.omega(len(history)) if relaxed else 1.0
         clock = time.perf_counter()
         z = projection.project(data.strain[index], data.stress[index])
         solved = time.perf_counter()
@@ -164,12 +170,10 @@ def _iterate(
 
         if omega > 1:
             if distance < best_distance * (1 - 1e-12):
-                best_distance, best_index, since_best = distance, index, 0
-            else:
-                since_best += 1
+                best_distance, best_index = distance, index
             state = comm.allreduce(int(np.sum(key * (new.astype(np.uint64) + np.uint64(1)))) % 2**61) % 2**61
-            if changed == 0 or since_best >= options.patience or state in seen:
-                omega, index, previous = 1.0, best_index, np.inf  # finish from the best state found
+            if changed == 0 or state in seen or options.omega(len(history)) == 1:
+                relaxed, index = False, best_index  # finish from the best state found
             else:
                 seen.add(state)
                 index = new
@@ -202,7 +206,7 @@ def _result(
     data = search.dataset
     outside = search.outside(z.strain)
     size = (search.metric.whiten(z.strain, z.stress) ** 2).sum(axis=1)
-    sums = total(comm, [w @ local**2, w @ size, outside.sum(), len(w)])
+    sums = total(comm, [float(w @ local**2), float(w @ size), float(outside.sum()), float(len(w))])
     normalised = float(np.sqrt(sums[0] / sums[1])) if sums[1] > 0 else float(sums[0] > 0)
     return DataDrivenResult(
         problem=projection.problem,

@@ -3,7 +3,7 @@
     (sum w B^T C B) u   = sum w B^T C epsilon*,        u as prescribed
     (sum w B^T C B) eta = f - sum w B^T sigma*,        eta = 0 where u is prescribed
     epsilon = B u,   sigma = sigma* + C B eta
-One matrix, factorised once, serves both.
+One matrix, factorised once, serves both, at once.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol, Self
 
 import numpy as np
@@ -90,8 +91,16 @@ class Projection:
         self.problem, self.operator, self.metric = problem, operator, metric
         self._prescribed_strain = operator.strain(problem.prescribed)
         self._modulus = operator.modulus(metric.C)
-        self._linear = LinearSolver(problem, operator.stiffness(metric.C), prefix="dd_")
         self.solver = self._linear.name
+
+    @cached_property
+    def _linear(self) -> LinearSolver:
+        """Matrix and factorisation; they take most of the memory."""
+        return LinearSolver(self.problem, self.operator.stiffness(self.metric.C), prefix="dd_")
+
+    def rest(self) -> None:
+        """Free the memory of the factorisation, which is made anew where it is needed again; collective."""
+        self.__dict__.pop("_linear", None)
 
     def at(self, factor: float) -> Self:
         """The same with another part of the whole load; no new factorisation."""
@@ -107,8 +116,9 @@ class Projection:
             ConvergenceError: the linear solver fails.
         """
         op, C = self.operator, self.metric.C
-        u = self.problem.prescribed + self._linear.solve(op.force((strain - self._prescribed_strain) @ C))
-        eta = self._linear.solve(self.problem.forces - op.force(stress))
+        compatibility = op.force((strain - self._prescribed_strain) @ C)
+        found, eta = self._linear.solve_both(compatibility, self.problem.forces - op.force(stress))
+        u = self.problem.prescribed + found
         return MechanicalState(u, eta, op.strain(u), stress + op.strain(eta) @ C)
 
     def elastic(self) -> MechanicalState:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 from dd_macro.material.tangent_spaces import SpaceProjection, TangentSearch, TangentSpaces
@@ -25,12 +26,14 @@ from dd_macro.parallel import one_thread, total
 from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import ConvergenceError, InputError
 
-__all__ = ["SecondOrderOptions", "SecondOrderResult", "StepName", "solve_second_order"]
+__all__ = ["SecondOrderOptions", "SecondOrderResult", "StepName", "iterate", "solve_second_order"]
 
 Array = NDArray[np.float64]
 StepName = Literal["alternating", "local-tangent"]
 
 _SLOW, _LEAST_RELAXATION = 0.7, 0.2
+_FEW = 1e-3
+"""Part of all points that keep their datum where no more of them would change it: they do not matter to the state."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +44,10 @@ class SecondOrderOptions:
     the change of the state, relative to its length, below which it has converged; in the alternating method it also
     bounds the gradient of the distance, so that the state may be further off. Points may go back and forth between data
     for ever, more so if these are noisy: a point that returns twice to a datum that it just left keeps it, and after
-    ``hold_after`` searches the points that move most keep what they have, more each time. So the iteration ends, and
-    the result says how many points were held. Averages over neighbours that approach their fixed point slowly, or not
-    at all, are looked up part of the way.
+    ``hold_after`` searches the points that move most keep what they have, more each time; where no more than one in a
+    thousand points would change its datum, these keep it. So the iteration ends, and the result says how many points
+    were held. Averages over neighbours that approach their fixed point slowly, or not at all, are looked up part of the
+    way.
 
     Raises:
         InputError: on construction, where a value is out of range.
@@ -85,10 +89,11 @@ class SecondOrderResult(DataDrivenResult):
 class _Picks:
     """The data of the points, and what keeps them from going back and forth for ever."""
 
-    def __init__(self, search: TangentSearch, start: MechanicalState, hold_after: int) -> None:
-        self.search, self.hold_after, self.lookups = search, hold_after, 1
+    def __init__(self, search: TangentSearch, comm: MPI.Comm, start: MechanicalState, hold_after: int) -> None:
+        self.search, self.comm, self.hold_after, self.lookups = search, comm, hold_after, 1
         self.spaces = search.spaces(start.strain, start.stress)
         points = len(self.spaces.index)
+        self._few = _FEW * float(total(comm, points))
         self.held = np.zeros(points, dtype=bool)
         self._left = np.full(points, -1)  # the datum that a point had before the one it has
         self._returns = np.zeros(points, dtype=int)
@@ -109,15 +114,19 @@ class _Picks:
         back = moves & (index == self._left)
         self._returns[back] += 1
         self.held = moves & (late | (back & (self._returns > 1)))
+        if float(total(self.comm, (moves & ~self.held).sum())) <= self._few:
+            self.held = moves.copy()
         moves &= ~self.held
         self._returns[moves & ~back] = 0
         self._left[moves] = last.index[moves]
+        if not moves.any():
+            return 0
         self.spaces = self.search.of(np.where(moves, index, last.index))
         return int(moves.sum())
 
 
 def _fields(spaces: TangentSpaces) -> tuple[NDArray[Any], ...]:
-    return spaces.strain, spaces.stress, spaces.tangent, spaces.index, spaces.reach
+    return spaces.strain, spaces.stress, spaces.tangents, spaces.own, spaces.index, spaces.reach
 
 
 def _as(mask: NDArray[np.bool_], array: NDArray[Any]) -> NDArray[np.bool_]:
@@ -125,7 +134,6 @@ def _as(mask: NDArray[np.bool_], array: NDArray[Any]) -> NDArray[np.bool_]:
     return mask.reshape(-1, *(1,) * (array.ndim - 1))
 
 
-@one_thread
 def solve_second_order(
     projection: Projection,
     search: TangentSearch,
@@ -159,22 +167,34 @@ def solve_second_order(
             "method: expected local-tangent in finite strain, got 'alternating', which needs linear spaces"
         )
     record = StepRecord(projection, options.max_iterations, progress)
+    z = start or projection.elastic()
+    if method == "alternating":
+        return iterate(AlternatingStep(record, options.tolerance), search, z, options)
+    projection.rest()
+    return iterate(local_tangent_step(record), search, z, options)
+
+
+@one_thread
+def iterate(step: Step, search: TangentSearch, z: MechanicalState, options: SecondOrderOptions) -> SecondOrderResult:
+    """:func:`solve_second_order` from ``z`` on with the steps ``step``, which go on with their record.
+
+    Raises:
+        ConvergenceError: see there.
+    """
     try:
-        step = AlternatingStep(record, options.tolerance) if method == "alternating" else local_tangent_step(record)
-        return _iterate(record, step, search, start or projection.elastic(), options)
+        return _iterate(step, search, z, options)
     except ConvergenceError as error:
-        raise ConvergenceError(str(error), record.history) from None
+        raise ConvergenceError(str(error), step.record.history) from None
 
 
-def _iterate(
-    record: StepRecord, step: Step, search: TangentSearch, z: MechanicalState, options: SecondOrderOptions
-) -> SecondOrderResult:
+def _iterate(step: Step, search: TangentSearch, z: MechanicalState, options: SecondOrderOptions) -> SecondOrderResult:
+    record = step.record
     operator, metric = record.projection.operator, search.metric
     volume = float(total(operator.comm, operator.weights.sum()))
     averaged = search.neighbours > 1
     clock = time.perf_counter()
-    picks = _Picks(search, z, options.hold_after)
-    changed, final = int(total(operator.comm, len(operator.weights))), False
+    picks = _Picks(search, operator.comm, z, options.hold_after)
+    changed, final = int(total(operator.comm, len(operator.weights))), averaged and step.exact
     relaxation, before, at = 1.0, np.inf, z
     while True:
         seconds = time.perf_counter() - clock
@@ -190,11 +210,13 @@ def _iterate(
         count = picks.look_up(at, local > max(moved, little) / np.sqrt(volume))
         changed, held = (int(n) for n in total(operator.comm, [count, picks.held.sum()]))
         settled = moved <= little if averaged else changed == 0
-        if settled and (final or step.exact):
+        if settled and final:
             break
-        final = settled or (averaged and moved <= 10 * little)
+        final = settled or (averaged and (step.exact or moved <= 10 * little))
+        if picks.lookups >= options.hold_after:  # what is looked up next may be the end
+            final = True
         if picks.lookups > options.hold_after:
-            relaxation, final = 1.0, True
+            relaxation = 1.0
     reason = "state settled" if averaged else "no datum changed"
     if held:
         reason += f", {held} points held between data"
@@ -227,7 +249,8 @@ def _result(
     white = search.metric.whiten(z.strain, z.stress)
     local = np.linalg.norm(white - search.metric.whiten(strain, stress), axis=1)
     outside = search.outside(z.strain)
-    sums = total(comm, [w @ local**2, w @ (white**2).sum(axis=1), outside.sum(), (part < 1).sum(), len(w)])
+    numbers = w @ local**2, w @ (white**2).sum(axis=1), outside.sum(), (part < 1).sum(), len(w)
+    sums = total(comm, [float(number) for number in numbers])
     return SecondOrderResult(
         problem=record.projection.problem,
         metric=search.metric,

@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 
 _FORCING = 0.1  # part of the distance that alternating projections leave before the data are looked up again
-_BALANCE = 1e-10  # out-of-balance force of a solution, relative to all forces
+_BALANCE, _ROUGH = 1e-10, 1e-4  # out-of-balance force of a solution, and of one on the way, relative to all forces
 _CORRECTIONS = 50
 _HALVINGS = 8
 
@@ -79,10 +79,11 @@ class StepRecord:
 class Step(Protocol):
     """From state z to the state nearest to ``spaces``; ``changed`` data and ``search`` seconds are for the record.
 
-    ``exact``: it always goes all the way, not only where ``final``.
+    ``exact``: it goes to within a thousandth of the way at least, all of it where ``final``.
     """
 
     exact: bool
+    record: StepRecord
 
     def __call__(
         self, z: MechanicalState, spaces: TangentSpaces, *, changed: int, search: float, final: bool
@@ -146,41 +147,49 @@ class LocalTangentStep:
         self.record = record
         self._matrix = record.projection.operator.stiffness()
         self._linear: LinearSolver | None = None
+        self._spaces: TangentSpaces | None = None
 
     def __call__(
         self, z: MechanicalState, spaces: TangentSpaces, *, changed: int, search: float, final: bool
     ) -> MechanicalState:
-        """The state in equilibrium; the record has the distance of the last state to the spaces."""
+        """The state in equilibrium, if not ``final`` nearly; the record has the distance of the last to the spaces."""
         clock = time.perf_counter()
         scene, op = self.record.projection, self.record.projection.operator
         near = SpaceProjection(spaces, scene.metric).closest(z.strain, z.stress)
         distance = self.record.size(z.strain - near[0], z.stress - near[1])
-        linear = self._factorise(spaces.tangent, z.u)
-        u, strain, left = z.u, z.strain, np.inf
+        if self._linear is None or op.comm.allreduce(spaces is not self._spaces, MPI.LOR):
+            self._factorise(spaces.tangents, z.u, spaces.own)
+            self._spaces = spaces
+        assert self._linear is not None
+        u, strain, left, enough = z.u, z.strain, np.inf, _BALANCE if final else _ROUGH
         for correction in range(_CORRECTIONS):
-            stress = spaces.stress + np.einsum("nij,nj->ni", spaces.tangent, strain - spaces.strain)
+            stress = spaces.stress_at(strain)
             residual = scene.residual(stress, u)
-            if correction > 0 and residual <= _BALANCE:
+            if correction > 0 and residual <= enough:
                 self.record.add(distance, changed, search, clock)
                 return MechanicalState(u, np.zeros_like(u), strain, stress)
             if correction > 1 and residual > left:
                 break
             left = residual
-            u = u + linear.solve(scene.problem.forces - op.force(stress))
+            u = u + self._linear.solve(
+                scene.problem.forces - op.force(stress), within=0.3 * enough / max(residual, enough)
+            )
             strain = op.strain(u)
         raise ConvergenceError(
             f"local tangents: expected equilibrium, got an out-of-balance force of {residual:.3g} of all forces; the "
             "matrix is near singular, or the tangents are far from symmetric"
         )
 
-    def _factorise(self, tangent: Array, u: Array) -> LinearSolver:
-        """The solver of the symmetric part of the moduli ``tangent`` (n, 6, 6) or (n, 9, 9), and of the loads at u."""
+    def _factorise(self, tangent: Array, u: Array, own: NDArray[np.int64] | None = None) -> LinearSolver:
+        """The solver of the symmetric part of the moduli ``tangent``, (k, 6, 6) of which each point has its ``own``
+        (n,), or of all points, (n, 6, 6) or (n, 9, 9), and of the loads at u.
+        """
         problem = self.record.projection.problem
-        problem.add_load_stiffness(u, self._matrix.assemble(0.5 * (tangent + tangent.swapaxes(1, 2))))
+        problem.add_load_stiffness(u, self._matrix.assemble(0.5 * (tangent + tangent.swapaxes(1, 2)), own))
         if self._linear is None:
             self._linear = LinearSolver(problem, self._matrix, prefix="dd_tangent_", definite=False)
         else:
-            self._linear.update()
+            self._linear.update(keep=True)
         return self._linear
 
 
@@ -232,7 +241,7 @@ class FiniteTangentStep(LocalTangentStep):
         if self._last is None or self._last[0] is not u:  # a step starts where the last one ended
             self._last = u, scene.operator.local(scene.operator.strain(u))
         found = self._last[1]
-        stress = spaces.stress + np.einsum("nij,nj->ni", spaces.tangent, found.strain - spaces.strain)
+        stress = spaces.stress_at(found.strain)
         state = state_on(u, found, stress)
         residual = scene.residual(state.nominal_stress, u)
         return state, found, np.inf if scene.operator.comm.allreduce(found.inside_out, MPI.LOR) else residual

@@ -35,5 +35,5 @@ def volume_change(solution: Solution) -> float:
         H = operator.strain(z.u)[:, :9].reshape(-1, 3, 3)
         change = np.linalg.det(np.eye(3) + H) - 1.0
     w = operator.weights
-    sums = total(operator.comm, [w @ change, w.sum()])
+    sums = total(operator.comm, [float(w @ change), float(w.sum())])
     return float(sums[0] / sums[1])

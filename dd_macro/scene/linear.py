@@ -1,26 +1,30 @@
 """Linear systems K x = b of a scene: x = 0 where the displacement is prescribed, one solver for many right-hand sides.
 
-Small systems are factorised (MUMPS where PETSc has it), large ones solved by CG with GAMG on the rigid-body
-near-nullspace. PETSc options with the solver's prefix override all of it.
+Systems whose factor fits the memory are factorised (MUMPS where PETSc has it), others solved by CG with GAMG on the
+rigid-body near-nullspace. PETSc options with the solver's prefix override all of it.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dd_macro.parallel import total
 from dd_macro.scene.problem import Problem
 from dd_macro.scene.rigid import SHIFT, HeldMean
 from dd_macro.scene.spaces import Stiffness, StrainOperator
 from tsg_micro.data.errors import ConvergenceError
+from tsg_micro.data.memory import available_memory
 
-__all__ = ["DIRECT_BELOW", "LinearSolver"]
+__all__ = ["LinearSolver", "factor_memory"]
 
 Array = NDArray[np.float64]
 
-DIRECT_BELOW = 200_000
-"""Number of unknowns up to which the default solver is a factorisation."""
+_ENTRY, _SHARE = 12.0, 0.7
+"""Bytes of an entry of a factor, with what MUMPS works with; part of the memory that one may take."""
+_CLOSE, _MOST_OLD = 1e-10, 30
 _RESIDUAL, _ROUND_OFF = 1e-6, 1e-13
 """Of the right side, and of K x; Euclidean norms."""
 
@@ -58,11 +62,17 @@ class LinearSolver:
         self._kind = PETSc.Mat.Option.SPD if definite else PETSc.Mat.Option.SYMMETRIC
         self._x, self._b = K.createVecs()
         self._r = self._b.duplicate()
+        self._pair: tuple[PETSc.Mat, ...] | None = None
+        self._old, self._gradients = False, PETSc.KSP().create(operator.comm)
         x = K.createVecLeft()
         x.setBlockSize(3)
         x.array[:] = operator.node_coordinates().reshape(-1)
         K.setNearNullSpace(PETSc.NullSpace().createRigidBody(x))
         self._ksp = _make_solver(operator, K, prefix)
+        self._gradients.setType("cg")
+        self._gradients.setPC(self._ksp.getPC())
+        self._gradients.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+        self._gradients.setTolerances(rtol=_CLOSE, max_it=_MOST_OLD)
         if not definite and self._counts_pivots():
             self._ksp.getPC().setFactorSetUpSolverType()
             self._ksp.getPC().getFactorMatrix().setMumpsIcntl(13, 1)  # count the pivots of the root front too
@@ -71,12 +81,19 @@ class LinearSolver:
         factor = pc.getFactorSolverType() if pc.getType() in ("cholesky", "lu") else None
         self.name = f"{ksp.getType()} + {pc.getType()}" + (f" ({factor})" if factor else "")
 
-    def update(self) -> None:
+    def update(self, *, keep: bool = False) -> None:
         """Take over the values that K was newly assembled with.
+
+        With ``keep`` a factorisation of earlier values stays, as long as conjugate gradients find solutions with it;
+        one that is not positive definite does not.
 
         Raises:
             ConvergenceError: the factorisation fails.
         """
+        pc = self._ksp.getPC()
+        direct = self._ksp.getType() == "preonly" and pc.getType() in ("cholesky", "lu")
+        self._old = keep and direct and not len(self._motions) and self.negative_pivots in (None, 0)
+        pc.setReusePreconditioner(self._old)
         K, ksp = self.matrix, self._ksp
         mean = abs(K.getDiagonal()).sum() / K.getSize()[0]
         K.zeroRowsColumns(self._rows, diag=mean)
@@ -95,15 +112,29 @@ class LinearSolver:
                 self._comm, self._motions, solve=self._solved, product=self._product, shift=SHIFT * mean
             )
 
-    def solve(self, right_side: Array) -> Array:
+    def solve(self, right_side: Array, *, within: float = _CLOSE) -> Array:
         """The unknowns for the forces ``right_side`` on them, whose prescribed components do not count.
+
+        With a factorisation of earlier values (:meth:`update`) they are right to a residual of ``within`` of it.
 
         Raises:
             ConvergenceError: the solver fails, or its solution does not solve the system.
         """
         nodal = np.where(self._fixed, 0.0, self._stiffness.condense(right_side))
-        x = self._solved(nodal) if self._mean is None else self._mean.solve(nodal)
+        x = self._close(nodal, within) if self._old else None
+        if x is None:
+            x = self._solved(nodal) if self._mean is None else self._mean.solve(nodal)
         return self._stiffness.expand(np.where(self._fixed, 0.0, x), right_side)
+
+    def _close(self, b: Array, within: float) -> Array | None:
+        """K^-1 b by conjugate gradients with an older factorisation; None, and a new one, where that fails."""
+        self._b.array[:] = b
+        self._gradients.setTolerances(rtol=min(max(within, _CLOSE), 0.1))
+        self._gradients.solve(self._b, self._x)
+        if self._gradients.getConvergedReason() > 0:
+            return np.array(self._x.array)
+        self.update()
+        return None
 
     def _solved(self, b: Array) -> Array:
         """K^-1 b (3 * nodes,)."""
@@ -111,11 +142,7 @@ class LinearSolver:
         try:
             self._ksp.solve(self._b, self._x)
         except PETSc.Error:
-            reason = self._ksp.getConvergedReason()
-            raise ConvergenceError(
-                f"linear solver {self.name}: stopped after {self._ksp.getIterationNumber()} iterations, "
-                f"PETSc reason {reason}"
-            ) from None
+            raise self._stopped() from None
         self._check_residual()
         return np.array(self._x.array)
 
@@ -124,6 +151,42 @@ class LinearSolver:
         self._x.array[:] = x
         self.matrix.mult(self._x, self._r)
         return np.array(self._r.array)
+
+    def solve_both(self, one: Array, other: Array) -> tuple[Array, Array]:
+        """As :meth:`solve`, for two right sides; a factorisation takes both at once.
+
+        Raises:
+            ConvergenceError: see there.
+        """
+        if (
+            self._mean is not None
+            or self._ksp.getType() != "preonly"
+            or self._ksp.getPC().getType() not in ("cholesky", "lu")
+        ):
+            return self.solve(one), self.solve(other)
+        sides = [np.where(self._fixed, 0.0, self._stiffness.condense(side)) for side in (one, other)]
+        if self._pair is None:
+            sizes = (self._b.getSizes(), (PETSc.DECIDE, 2))
+            self._pair = tuple(PETSc.Mat().createDense(sizes, comm=self._b.comm) for _ in range(2))
+        B, X = self._pair
+        B.getDenseArray()[:] = np.column_stack(sides)
+        B.assemble()
+        try:
+            self._ksp.matSolve(B, X)
+        except PETSc.Error:
+            raise self._stopped() from None
+        found = []
+        for side, x, b in zip((one, other), X.getDenseArray().T, sides, strict=True):
+            self._x.array[:], self._b.array[:] = x, b
+            self._check_residual()
+            found.append(self._stiffness.expand(np.where(self._fixed, 0.0, x), side))
+        return found[0], found[1]
+
+    def _stopped(self) -> ConvergenceError:
+        return ConvergenceError(
+            f"linear solver {self.name}: stopped after {self._ksp.getIterationNumber()} iterations, "
+            f"PETSc reason {self._ksp.getConvergedReason()}"
+        )
 
     def _check_residual(self) -> None:
         """Raise ConvergenceError, on all ranks, where K x is not b: options may ask for what solves nothing."""
@@ -151,6 +214,31 @@ class LinearSolver:
         return bool(pc.getType() == "cholesky" and pc.getFactorSolverType() == "mumps")
 
 
+def factor_memory(operator: StrainOperator) -> float:
+    """Bytes that the factor of a stiffness takes, estimated; collective.
+
+    Nested dissection of a sheet of N unknowns, t nodes thick, leaves 11.5 sqrt(t) log2 N entries an unknown, that of a
+    block 21 N^(1/3) (METIS, sheets and blocks of 2000 to 175,000 unknowns: it had 3 to 44 % less).
+    """
+    comm, x, N = operator.comm, operator.node_coordinates(), operator.global_dofs
+    low, high = (
+        np.array([np.min(c, initial=np.inf) for c in x.T]),
+        np.array([np.max(c, initial=-np.inf) for c in x.T]),
+    )
+    comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
+    comm.Allreduce(MPI.IN_PLACE, high, MPI.MAX)
+    spacing = (float(total(comm, operator.weights.sum())) / (N / 3)) ** (1 / 3)
+    thick = 1.0 + (high - low).min() / spacing
+    return _ENTRY * N * min(21.0 * N ** (1 / 3), 11.5 * np.sqrt(thick) * np.log2(N))
+
+
+def _fits(operator: StrainOperator) -> bool:
+    """Whether the factor fits the memory that is there, on all ranks alike."""
+    here = available_memory()
+    there = operator.comm.allreduce(np.inf if here is None else here, MPI.MIN)
+    return bool(factor_memory(operator) <= _SHARE * there)
+
+
 def _make_solver(operator: StrainOperator, K: PETSc.Mat, prefix: str) -> PETSc.KSP:
     ksp = PETSc.KSP().create(operator.comm)
     ksp.setOptionsPrefix(prefix)
@@ -159,7 +247,7 @@ def _make_solver(operator: StrainOperator, K: PETSc.Mat, prefix: str) -> PETSc.K
     ksp.setTolerances(rtol=1e-10, max_it=1000)  # of an iterative solver, ours or one asked for by options
     pc = ksp.getPC()
     package = next((name for name in ("mumps", "superlu_dist") if PETSc.Sys.hasExternalPackage(name)), None)
-    if operator.global_dofs <= DIRECT_BELOW and (package or operator.comm.size == 1):
+    if _fits(operator) and (package or operator.comm.size == 1):
         ksp.setType("preonly")
         pc.setType("lu" if package == "superlu_dist" else "cholesky")
         pc.setFactorSolverType(package or "petsc")

@@ -1,8 +1,9 @@
 """Displacement space, quadrature points, and the strain operator that joins them.
 
-One sparse matrix holds the paper's B_e and w_e: G = B^T W, so that with Mandel vectors at the quadrature points
-    strain  epsilon = B u = W^-1 G^T u                    (paper, compatibility)
-    force   sum_e w_e B_e^T sigma_e = G sigma             (paper, equilibrium)
+B and W are the paper's B_e and w_e; with Mandel vectors at the quadrature points
+    strain  epsilon = B u                                 (paper, compatibility)
+    force   sum_e w_e B_e^T sigma_e = B^T W sigma         (paper, equilibrium)
+There is no matrix of it, cells are worked on many at once (dd_macro.scene.gradients).
 In finite strain B u is the gradient of the displacement and sigma the first Piola stress, both with 9 components.
 All arrays are plain NumPy and hold what this rank owns: fields at quadrature points are (cells * points, ...),
 cell by cell in the local order, nodal fields are flat (3 * nodes,).
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dd_macro.compat import compile_form, geometry_nodes
+from dd_macro.scene.gradients import CellGradients, CellMaps
 from dd_macro.scene.kinematics import FiniteStrain, Kinematics, SmallStrain
 from dd_macro.scene.mesh import TaggedMesh
 from tsg_micro.data.errors import InputError
@@ -61,6 +63,8 @@ class StrainOperator:
     """
 
     components = 6
+    directions = BASIS
+    """Tensors (components, 3, 3) whose coefficients B u has."""
     theory = "small"
     """Of strain (dd_macro.methods.theory)."""
 
@@ -72,19 +76,18 @@ class StrainOperator:
         rule = {"quadrature_degree": 2 * degree + 1, "quadrature_rule": "default"}
         self.dx = ufl.Measure("dx", mesh, metadata=rule)
         self.displacements = dolfinx.fem.functionspace(mesh, ("Lagrange", degree, (3,)))
-        cell = mesh.basix_cell()
-        shape = (self.components,)
-        element = basix.ufl.quadrature_element(cell, value_shape=shape, scheme="default", degree=2 * degree + 1)
-        Q = dolfinx.fem.functionspace(mesh, element)
-        self.reference_points, self.reference_weights = basix.make_quadrature(cell, 2 * degree + 1)
+        cell, scheme = mesh.basix_cell(), 2 * degree + 1
+        self.reference_points, self.reference_weights = basix.make_quadrature(cell, scheme)
         self.points_per_cell = len(self.reference_weights)
-        self._order = Q.dofmap.list[: domain.owned_cells].reshape(-1)  # quadrature dof of each point, cell by cell
-        v, tau = ufl.TestFunction(self.displacements), ufl.TrialFunction(Q)
-        form = compile_form(ufl.inner(tau, self.expression(v)) * self.dx)
-        self.matrix = dolfinx.fem.petsc.assemble_matrix(form)
-        self.matrix.assemble()
-        self._at_points, self._at_nodes = self.matrix.createVecs()
-        self.weights = self._jacobian() * np.tile(self.reference_weights, domain.owned_cells)
+        local = self._tabulate(1)[1:]
+        self.maps = CellMaps.of(domain.comm, self.cell_corners, local, self.reference_weights)
+        if degree > 1:
+            element = basix.ufl.element("Lagrange", cell.name, degree)
+            local = element.tabulate(1, self.reference_points)[1:]
+        self._gradients = CellGradients(self.maps, local, self.directions)
+        self._dofs = self.displacements.dofmap.list[: domain.owned_cells].astype(np.int64)
+        self._ghosted = dolfinx.fem.Function(self.displacements)
+        self.weights: Array = self.maps.weights[self.maps.kind].reshape(-1)
 
     @staticmethod
     def expression(u: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
@@ -115,7 +118,7 @@ class StrainOperator:
     @property
     def owned_nodes(self) -> int:
         """Number of nodes that this rank owns."""
-        return int(self._at_nodes.getLocalSize()) // 3
+        return int(self.displacements.dofmap.index_map.size_local)
 
     @property
     def owned_dofs(self) -> int:
@@ -125,21 +128,22 @@ class StrainOperator:
     @property
     def global_dofs(self) -> int:
         """Number of displacement components on all ranks."""
-        return self._at_nodes.getSize()
+        return 3 * int(self.displacements.dofmap.index_map.size_global)
 
     def strain(self, u: Array) -> Array:
         """Mandel strain (n, 6) at the quadrature points of the nodal displacement u (3 * nodes,) in m."""
-        self._at_nodes.array[:] = u
-        self.matrix.multTranspose(self._at_nodes, self._at_points)
-        return self._at_points.array.reshape(-1, self.components)[self._order] / self.weights[:, None]
+        x = self._ghosted.x
+        x.array[: 3 * self.owned_nodes] = u
+        x.scatter_forward()
+        return self._gradients.strain(x.array.reshape(-1, 3)[self._dofs])
 
     def force(self, stress: Array) -> Array:
         """Nodal forces (3 * nodes,) in N of the Mandel stress (n, 6) in Pa: sum w B^T sigma."""
-        values = self._at_points.array
-        values.reshape(-1, self.components)[self._order] = stress
-        self._at_points.array = values
-        self.matrix.mult(self._at_points, self._at_nodes)
-        return self._at_nodes.array.copy()
+        x, at_cells = self._ghosted.x, self._gradients.force(stress)
+        unknowns = (3 * self._dofs[..., None] + np.arange(3)).reshape(-1)
+        x.array[:] = np.bincount(unknowns, at_cells.reshape(-1), minlength=len(x.array))
+        x.scatter_reverse(dolfinx.la.InsertMode.add)
+        return x.array[: 3 * self.owned_nodes].copy()
 
     def node_coordinates(self) -> Array:
         """Coordinates (nodes, 3) in m of the nodes that this rank owns."""
@@ -182,10 +186,6 @@ class StrainOperator:
         element = basix.create_element(basix.ElementFamily.P, basix.CellType.hexahedron, 1)
         return element.tabulate(derivatives, self.reference_points)[..., 0]
 
-    def _jacobian(self) -> Array:
-        gradients = self._tabulate(1)[1:]
-        return np.abs(np.linalg.det(np.einsum("kqn,cni->cqik", gradients, self.cell_corners))).reshape(-1)
-
 
 class GradientOperator(StrainOperator):
     """B and W for finite strain: B u is the gradient H of the displacement, row by row (n, 9); its stress is P (n, 9).
@@ -194,6 +194,7 @@ class GradientOperator(StrainOperator):
     """
 
     components = 9
+    directions = np.eye(9).reshape(9, 3, 3)
     theory = "finite"
 
     @staticmethod
@@ -232,8 +233,8 @@ class Stiffness:
     def __init__(self, matrix: PETSc.Mat) -> None:
         self.matrix = matrix
 
-    def assemble(self, C: Array) -> PETSc.Mat:
-        """``matrix`` with the moduli C in Pa at the quadrature points."""
+    def assemble(self, C: Array, own: NDArray[np.int64] | None = None) -> PETSc.Mat:
+        """``matrix`` with the moduli C in Pa at the quadrature points, or those of C that are each point's ``own``."""
         raise NotImplementedError
 
     def condense(self, force: Array) -> Array:
@@ -265,9 +266,9 @@ class TangentMatrix(Stiffness):
         self._form = compile_form(ufl.inner(operator.expression(v), stress) * operator.dx)
         super().__init__(dolfinx.fem.petsc.create_matrix(self._form))
 
-    def assemble(self, C: Array) -> PETSc.Mat:
-        """``matrix`` with the moduli C in Pa, (n, 6, 6) or with 9 components (n, 9, 9)."""
-        self._moduli.x.array.reshape(-1, *C.shape[1:])[self._order] = C
+    def assemble(self, C: Array, own: NDArray[np.int64] | None = None) -> PETSc.Mat:
+        """``matrix`` with the moduli C in Pa, (n, 6, 6) or with 9 components (n, 9, 9); of ``own`` numbers (n,)."""
+        self._moduli.x.array.reshape(-1, *C.shape[1:])[self._order] = C if own is None else C[own]
         self.matrix.zeroEntries()
         dolfinx.fem.petsc.assemble_matrix(self.matrix, self._form)
         self.matrix.assemble()

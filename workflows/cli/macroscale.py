@@ -63,7 +63,7 @@ def solve(
     ] = None,
     over_relaxation: Annotated[
         float | None,
-        typer.Option(help="Of order 1: factor w of a query at y + w (z - y), 1 <= w < 2; 1.7 if not given."),
+        typer.Option(help="Of order 1: factor w of a query at y + w (z - y), 1 <= w < 2, at first; 1.8 if not given."),
     ] = None,
     max_error: Annotated[
         float | None, typer.Option(help="Estimated error beyond which the run fails, 0.02 for 2 %.")

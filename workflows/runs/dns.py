@@ -24,6 +24,7 @@ from tsg_micro.data.dataset import Dataset, write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from tsg_micro.data.mandel import pressure, von_mises
+from tsg_micro.data.memory import available_memory
 from tsg_micro.equilibrium.linear_solvers import choose_backend
 from workflows.runs.loads import LOADS, check_load
 from workflows.store.checkpoint import (
@@ -35,7 +36,7 @@ from workflows.store.checkpoint import (
     write_checkpoint,
 )
 from workflows.store.limits import check_count
-from workflows.store.record import available_memory, peak_memory, versions, write_summary
+from workflows.store.record import peak_memory, versions, write_summary
 
 __all__ = ["dns"]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tsg_micro.data.errors import InputError
-from workflows.store.record import available_memory
+from tsg_micro.data.memory import available_memory
 
 __all__ = ["MOST_STEPS", "check_count", "check_memory"]
 

@@ -20,7 +20,6 @@ from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import atomic_path
 
 __all__ = [
-    "available_memory",
     "drop_summary",
     "machine",
     "number",
@@ -59,18 +58,6 @@ def peak_memory() -> int:
         lines = Path("/proc/self/status").read_text().splitlines()
         return 1024 * int(next(line for line in lines if line.startswith("VmHWM")).split()[1])
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024  # a child counts its parent's from before exec
-
-
-def available_memory() -> int | None:
-    """Memory, bytes, that the kernel says is available, or a container's limit if that is less; None if unknown."""
-    found = []
-    with contextlib.suppress(OSError):
-        rows = (row.split() for row in Path("/proc/meminfo").read_text().splitlines())
-        found += [1024 * int(row[1]) for row in rows if row[0] == "MemAvailable:"]
-    for limit in ("memory.max", "memory/memory.limit_in_bytes"):
-        with contextlib.suppress(OSError, ValueError):  # a group without limit says "max"
-            found.append(int(Path("/sys/fs/cgroup", limit).read_text()))
-    return min(found, default=None)
 
 
 def summary_path(out: Path) -> Path:

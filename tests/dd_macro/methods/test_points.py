@@ -123,6 +123,21 @@ def test_over_relaxation_ends_nearer_to_the_data(hard):
     assert relaxed.distance < 0.9 * plain.distance
 
 
+def test_over_relaxation_falls_to_one(hard):
+    """It starts as asked, never grows, and is gone after ``annealing`` iterations, however fine the mesh."""
+    scene, dataset = hard
+    for annealing in (4, 12):
+        options = SolverOptions(over_relaxation=1.9, annealing=annealing)
+        omega = np.array(
+            [h.omega for h in solve(scene, MaterialSearch(dataset, scene.metric), options=options).history]
+        )
+        assert omega[0] == 1.9
+        assert (np.diff(omega) <= 0).all()
+        assert (omega[:annealing] > 1).sum() == (omega > 1).sum() <= annealing
+        assert len(set(omega)) > 3
+        assert omega[-1] == 1
+
+
 def test_too_few_iterations_are_an_error_with_history(hard):
     scene, dataset = hard
     with pytest.raises(ConvergenceError, match="expected convergence within 3 iterations") as caught:

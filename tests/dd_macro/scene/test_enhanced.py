@@ -93,6 +93,23 @@ def test_condensed_matrix_is_the_schur_complement(make, rng):
     )
 
 
+@pytest.mark.parametrize("enhanced", [True, False])
+def test_matrix_of_shared_moduli_is_that_of_a_modulus_at_every_point(comm, rng, enhanced):
+    operator = (dd.EnhancedStrainOperator if enhanced else dd.StrainOperator)(
+        dd.box(comm, elements=(4, 3, 2), size=(4.0, 3.0, 1.0))
+    )
+    C = np.array([dd.isotropic(young=young, poisson=0.2).C for young in (1.0, 2.0, 5.0)])
+    own = (operator.points[:, 0] + operator.points[:, 1]).astype(np.int64) % 3  # cells of one modulus, and of two
+    shared, each = operator.stiffness(), operator.stiffness()
+    shared.assemble(C, own)
+    each.assemble(C[own])
+    off = shared.matrix.copy()
+    off.axpy(-1.0, each.matrix)
+    assert off.norm() <= 1e-13 * each.matrix.norm()
+    force = np.sin(np.arange(operator.owned_dofs))
+    np.testing.assert_allclose(shared.condense(force), each.condense(force), rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("rank_of_one", [True, False])
 def test_negative_and_lost_stiffness_of_the_modes(comm, rng, rank_of_one):
     """Negative eigenvalues are those of all unknowns; where a modulus has none there is an error on all ranks."""

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from dd_macro import Displacement, Problem, StrainOperator, box, isotropic
 from dd_macro.parallel import total
-from dd_macro.scene.linear import LinearSolver
+from dd_macro.scene import linear
+from dd_macro.scene.linear import LinearSolver, factor_memory
 from tsg_micro.data.errors import ConvergenceError
 
 pytestmark = pytest.mark.mpi
@@ -71,3 +73,51 @@ def test_solvers_that_solve_agree(comm, options, text, thickness):
     energy = total(comm, [x @ b, np.abs(x @ b)])
     assert energy[0] > 0
     assert not solver.solve(0 * b).any()
+
+
+@pytest.mark.parametrize("text", ["", "ksp_type preonly pc_type lu", "ksp_type cg pc_type jacobi"])
+def test_two_right_sides_at_once_are_one_after_the_other(comm, options, text):
+    options(text)
+    operator, solver = make(comm)
+    a = right_side(operator)
+    b = np.cos(3e5 * operator.node_coordinates()).ravel()
+    for found, expected in zip(solver.solve_both(a, b), (solver.solve(a), solver.solve(b)), strict=True):
+        scale = comm.allreduce(np.abs(expected).max(initial=0.0), op=MPI.MAX)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * scale)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_older_factorisation_finds_the_same_solution(comm, sign):
+    """Conjugate gradients with the factor of other values, and a new factor where the matrix is not positive."""
+    operator, _ = make(comm)
+    problem = Problem(operator, [Displacement("bottom")])
+    soft = isotropic(young=1e3, poisson=0.3).C
+    hard = np.where(operator.points[:, :1, None] > 2e-5, 3.0, 1.0) * soft
+    stiffness = operator.stiffness()
+    b, found = right_side(operator), []
+    for keep in (False, True):
+        stiffness.assemble(np.broadcast_to(soft, hard.shape))
+        solver = LinearSolver(problem, stiffness, prefix="test_", definite=False)
+        stiffness.assemble(sign * hard)
+        solver.update(keep=keep)
+        found.append(solver.solve(b))
+    scale = comm.allreduce(np.abs(found[0]).max(initial=0.0), op=MPI.MAX)
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-8 * scale)
+    if sign > 0:
+        near = solver.solve(2.0 * b, within=1e-2)
+        away = comm.allreduce(np.abs(near - 2.0 * found[0]).max(initial=0.0), op=MPI.MAX)
+        assert 1e-8 * scale < away < 0.1 * scale
+
+
+@pytest.mark.parametrize("elements", [(30, 30, 1), (20, 20, 3), (8, 8, 8)])
+def test_memory_of_a_factor_is_estimated(comm, elements, monkeypatch):
+    """At least that of its entries, not more than twice as much; what does not fit is solved by iterations."""
+    operator = StrainOperator(box(comm, elements=elements, size=tuple(1e-5 * n for n in elements)))
+    problem = Problem(operator, [Displacement("bottom")])
+    C = isotropic(young=1e3, poisson=0.3).C
+    solver = LinearSolver(problem, operator.stiffness(C), prefix="test_")
+    if "mumps" in solver.name:
+        entries = solver._ksp.getPC().getFactorMatrix().getMumpsInfog(29)
+        assert 12.0 * entries < factor_memory(operator) < 24.0 * entries
+    monkeypatch.setattr(linear, "available_memory", lambda: int(factor_memory(operator)))
+    assert LinearSolver(problem, operator.stiffness(C), prefix="test_").name == "cg + gamg"

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dolfinx
 import numpy as np
 import pytest
+import ufl
+from basix.ufl import quadrature_element
 from mpi4py import MPI
 
 import meshes
-from dd_macro import Displacement, Projection, StrainOperator, Traction, box, isotropic, read_msh
+from dd_macro import Displacement, GradientOperator, Projection, StrainOperator, Traction, box, isotropic, read_msh
 from dd_macro.parallel import total
 from dd_macro.scene.boundary import side_dofs
 from dd_macro.scene.loads import nodal_forces
@@ -59,6 +62,27 @@ def test_force_is_the_adjoint_of_strain(distorted, comm):
     u, s = rng.normal(size=operator.owned_dofs), rng.normal(size=(len(operator.weights), 6))
     work = total(comm, [operator.force(s) @ u, operator.weights @ (operator.strain(u) * s).sum(axis=1)])
     assert work[0] == pytest.approx(work[1], rel=1e-11)
+
+
+@pytest.mark.parametrize("alike", [True, False])
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("kind", [StrainOperator, GradientOperator])
+def test_forces_are_those_of_the_assembled_form(distorted, comm, kind, degree, alike):
+    """int tau : B v, from DOLFINx; cells of one shape and cells of many, ghosts of other ranks."""
+    operator = kind(box(comm, elements=(3, 2, 2), size=(1.0, 2.0, 1.5)) if alike else distorted, degree=degree)
+    mesh, n = operator.domain.mesh, operator.components
+    assert alike == (len(operator.maps.first) == 1)
+    element = quadrature_element(mesh.basix_cell(), value_shape=(n,), scheme="default", degree=2 * degree + 1)
+    tau = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, element))
+    stress = np.sin(np.outer(operator.points.sum(axis=1) / operator.points.max(), np.arange(1, n + 1)))
+    points = tau.function_space.dofmap.list[: operator.domain.owned_cells].reshape(-1)
+    tau.x.array.reshape(-1, n)[points] = stress
+    form = ufl.inner(tau, operator.expression(ufl.TestFunction(operator.displacements))) * operator.dx
+    vector = dolfinx.fem.assemble_vector(dolfinx.fem.form(form))
+    vector.scatter_reverse(dolfinx.la.InsertMode.add)
+    expected = vector.array[: operator.owned_dofs]
+    scale = comm.allreduce(np.abs(expected).max(initial=0), op=MPI.MAX)
+    np.testing.assert_allclose(operator.force(stress), expected, rtol=0, atol=1e-13 * scale)
 
 
 def test_uniform_stress_gives_the_nodal_forces_of_its_tractions(distorted, comm):

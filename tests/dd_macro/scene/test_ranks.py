@@ -146,7 +146,8 @@ def test_no_compiler_is_one_clear_line(tmp_path):
 import dd_macro
 from mpi4py import MPI
 try:
-    dd_macro.StrainOperator(dd_macro.box(MPI.COMM_WORLD, elements=(1, 1, 1), size=(1, 1, 1)))
+    operator = dd_macro.StrainOperator(dd_macro.box(MPI.COMM_WORLD, elements=(1, 1, 1), size=(1, 1, 1)))
+    operator.stiffness(dd_macro.isotropic(young=1.0, poisson=0.3).C)
 except dd_macro.KernelError as error:
     print(error)
 """
