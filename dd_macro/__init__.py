@@ -30,6 +30,7 @@ from dd_macro.results.check import CHECKS, ErrorEstimate, check_by_data, check_b
 from dd_macro.results.compare import BlockStress, Comparison, FieldError, compare_blocks, interior_blocks
 from dd_macro.results.compare_bodies import BodyErrors, block_means, body_errors, inner_blocks
 from dd_macro.results.quadrature_file import QuadratureFields, read_quadrature, write_quadrature
+from dd_macro.results.sides import side_displacement, volume_change
 from dd_macro.results.vtkhdf import write_vtkhdf
 from dd_macro.results.write import write_solution
 from dd_macro.scene.boundary import Displacement
@@ -132,10 +133,12 @@ __all__ = [
     "read_msh",
     "read_quadrature",
     "secant_modulus",
+    "side_displacement",
     "solve",
     "solve_law",
     "solve_second_order",
     "visited_tangent",
+    "volume_change",
     "voxel_grid",
     "voxel_mesh",
     "write_quadrature",

@@ -1,7 +1,7 @@
 """Linear systems K x = b of a scene: x = 0 where the displacement is prescribed, one solver for many right-hand sides.
 
-Systems whose factor fits the memory are factorised (MUMPS where PETSc has it), others solved by CG with GAMG on the
-rigid-body near-nullspace. PETSc options with the solver's prefix override all of it.
+Systems whose factor fits the memory and is made in a minute or two are factorised (MUMPS where PETSc has it), others
+solved by CG with GAMG on the rigid-body near-nullspace. PETSc options with the solver's prefix override all of it.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 _ENTRY, _SHARE = 12.0, 0.7
 """Bytes of an entry of a factor, with what MUMPS works with; part of the memory that one may take."""
 _CLOSE, _MOST_OLD = 1e-10, 30
+_MOST_WORK = 5e11
+"""Squares of the entries of a row of the factor, summed: a minute, or two. Blocks of 240,000 unknowns have as many."""
 _RESIDUAL, _ROUND_OFF = 1e-6, 1e-13
 """Of the right side, and of K x; Euclidean norms."""
 
@@ -232,11 +234,13 @@ def factor_memory(operator: StrainOperator) -> float:
     return _ENTRY * N * min(21.0 * N ** (1 / 3), 11.5 * np.sqrt(thick) * np.log2(N))
 
 
-def _fits(operator: StrainOperator) -> bool:
-    """Whether the factor fits the memory that is there, on all ranks alike."""
+def _pays(operator: StrainOperator) -> bool:
+    """Whether the factor fits the memory that is there, and its making the time that iterations take; collective."""
     here = available_memory()
     there = operator.comm.allreduce(np.inf if here is None else here, MPI.MIN)
-    return bool(factor_memory(operator) <= _SHARE * there)
+    memory = factor_memory(operator)
+    work = (memory / _ENTRY) ** 2 / operator.global_dofs
+    return bool(memory <= _SHARE * there and work <= _MOST_WORK)
 
 
 def _make_solver(operator: StrainOperator, K: PETSc.Mat, prefix: str) -> PETSc.KSP:
@@ -247,7 +251,7 @@ def _make_solver(operator: StrainOperator, K: PETSc.Mat, prefix: str) -> PETSc.K
     ksp.setTolerances(rtol=1e-10, max_it=1000)  # of an iterative solver, ours or one asked for by options
     pc = ksp.getPC()
     package = next((name for name in ("mumps", "superlu_dist") if PETSc.Sys.hasExternalPackage(name)), None)
-    if _fits(operator) and (package or operator.comm.size == 1):
+    if _pays(operator) and (package or operator.comm.size == 1):
         ksp.setType("preonly")
         pc.setType("lu" if package == "superlu_dist" else "cholesky")
         pc.setFactorSolverType(package or "petsc")

@@ -219,9 +219,9 @@ def test_what_a_method_lacks_is_said(comm):
 
 
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one rank samples")
-def test_the_readme_with_every_method(capsys):
+def test_the_page_on_python_with_every_method(capsys):
     """Its blocks on a smaller sheet with fewer data; FE2 leaves no data error."""
-    first, second = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    first, second, third = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "python.md").read_text(), re.DOTALL)
     for there, here in (
         ("range(100)", "range(20)"),
         ("(30, 15, 1)", "(4, 4, 1)"),
@@ -232,7 +232,10 @@ def test_the_readme_with_every_method(capsys):
         first = first.replace(there, here)
     names: dict[str, Any] = {}
     exec(first + second, names)
-    pulls = dict(re.findall(r"(.*): .*, pull (.*) N", capsys.readouterr().out))
+    out = capsys.readouterr().out
+    exec(third, names)
+    assert float(re.findall(r": (.*)% of volume", capsys.readouterr().out)[0]) == pytest.approx(-1.7, abs=0.3)
+    pulls = dict(re.findall(r"(.*): .*, pull (.*) N", out))
     assert list(pulls) == list(dd.METHODS)
     exact = float(pulls["FE2"])
     assert float(pulls["adaptive"]) == pytest.approx(exact, rel=0.02)
