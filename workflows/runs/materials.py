@@ -49,10 +49,16 @@ class TissueData:
     dataset: Dataset | None
 
     def keep(self, *, computed: bool) -> Keep:
-        """Whether its edges can be another material at a place: where RVEs are ``computed``, or the data hold some."""
-        if computed or self.rve is None or self.dataset is None:
+        """Whether its edges can be another material at a place: where RVEs are ``computed``, or the data hold some.
+
+        No RVE is strained at a corner where all axes are free.
+        """
+        rve = self.rve
+        if rve is None or self.dataset is None and not computed:
             return lambda place: True
-        return sampled_places(self.rve, self.dataset)
+        if computed or self.dataset is None:
+            return lambda place: any(face != "free" for face, _ in rve.at(place).faces)
+        return sampled_places(rve, self.dataset)
 
 
 def method_of(built: Built) -> dd.Method:
