@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 import dd_macro as dd
 from dd_macro.material.regional import RegionalLaw
+from dd_macro.methods.metric_choice import check_metric
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.graded_source import GradedSource
 from tsg_micro.continuum.rve_law import RVELaw
@@ -54,7 +55,7 @@ class TissueData:
         No RVE is strained at a corner where all axes are free.
         """
         rve = self.rve
-        if rve is None or self.dataset is None and not computed:
+        if rve is None:
             return lambda place: True
         if computed or self.dataset is None:
             return lambda place: any(face != "free" for face, _ in rve.at(place).faces)
@@ -68,6 +69,10 @@ def method_of(built: Built) -> dd.Method:
         InputError: there is no such method, or it has no such number.
     """
     solve = built.model.solve
+    try:
+        check_metric(solve.metric)
+    except InputError as error:
+        raise InputError(f"solve.{error}") from None
     name = METHOD_NAMES.get(solve.method, solve.method)
     if name not in dd.METHODS:
         raise InputError(

@@ -31,7 +31,7 @@ def quantity(value: object, unit: str, what: str) -> float:
     Raises:
         ValueError: it is none, not finite, or of another dimension; the text says what was expected.
     """
-    expected = f'expected {what} such as "{_EXAMPLES.get(unit, "2")}", or a number in {unit or "1"}'
+    expected = f'expected {what} such as "{_EXAMPLES[unit]}", or a number in {unit}' if unit else f"expected {what}"
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise ValueError(f"{expected}, got {value!r}")
     number = _parsed(value, unit, expected) if isinstance(value, str) else float(value)
