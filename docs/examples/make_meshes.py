@@ -20,9 +20,7 @@ def make_meshes(folder: Path) -> None:
         folder / "hole.msh", elements=(3, 5, 1), size=(6 * BLOCK, 8 * BLOCK, BLOCK), radius=2 * BLOCK
     )
     cube = 4 * BLOCK
-    meshes.box_with_inclusion(
-        folder / "inclusion.msh", elements=(4, 4, 4), size=(cube, cube, cube), radius=0.9 * BLOCK
-    )
+    meshes.box_with_inclusion(folder / "inclusion.msh", elements=(4, 4, 4), size=(cube, cube, cube), radius=0.9 * BLOCK)
     meshes.curved_sheet(
         folder / "arc.msh",
         elements=(12, 3, 2),
@@ -39,7 +37,7 @@ def _bean(rings: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     latitude, longitude = np.linspace(0.0, np.pi, rings + 1), np.linspace(0.0, 2.0 * np.pi, 2 * rings + 1)[:-1]
     polar, around = (grid.reshape(-1) for grid in np.meshgrid(latitude, longitude, indexing="ij"))
     sphere = np.column_stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)])
-    dent = 1.0 - 0.4 * np.exp(-4.0 * ((sphere - [1.0, 0.0, 0.0]) ** 2).sum(axis=1))
+    dent = 1.0 - 0.5 * np.exp(-4.0 * ((sphere - [1.0, 0.0, 0.0]) ** 2).sum(axis=1))
     points = (sphere * dent[:, None] * [60.0, 50.0, 70.0]).round(6)  # all of a pole are one point
     n = 2 * rings
     i, j = (grid.reshape(-1) for grid in np.meshgrid(np.arange(rings), np.arange(n), indexing="ij"))
