@@ -195,8 +195,10 @@ ALL = [*KEYS, *UNITS, *TYPES, *PLACES, *TISSUES, *OTHERS]
 def files(tmp_path_factory):
     """A mesh of two blocks, regions a and b, and data of another tissue."""
     folder = tmp_path_factory.mktemp("bad")
-    regions = {"elements": (2, 1, 1), "size": (4e-5, 2e-5, 2e-5)}
-    meshes.flat_sheet(folder / "two.msh", **regions, region=lambda x: np.where(x[:, 0] < 2e-5, "a", "b"))
+    size = (4e-5, 2e-5, 2e-5)
+    meshes.flat_sheet(
+        folder / "two.msh", elements=(2, 1, 1), size=size, region=lambda x: np.where(x[:, 0] < 2e-5, "a", "b")
+    )
     zero = np.zeros((1, 6))
     data = RVESource(RVESpec.of_kind("bulk", Tissue(bar_force=1e-8))).states(zero, zero)
     assert data is not None
