@@ -295,7 +295,8 @@ def _gap(comm: MPI.Comm, w: Array, C: Metric, strain: Array, off: Array) -> tupl
     """Root mean square of the distance ``off`` (n,) from the data, over that of the strain; that of its square."""
     size = ((strain @ C.factor) ** 2).sum(axis=1)
     sums = total(comm, [w @ off**2, w @ size, w @ off**4])
-    return float(np.sqrt(sums[0] / sums[1])), float(np.sqrt(sums[2]))
+    gap = float(np.sqrt(sums[0] / sums[1])) if sums[1] > 0 else float(sums[0] > 0)  # a body may be without load
+    return gap, float(np.sqrt(sums[2]))
 
 
 def _root_mean_square(comm: MPI.Comm, w: Array, C: Metric, strain: Array) -> float:

@@ -184,7 +184,7 @@ def _check_size(points: NDArray[np.float64], size: tuple[float, float] | None, u
     fitting = [name for name, factor in UNITS.items() if size[0] <= extent / UNITS[unit] * factor <= size[1]]
     raise InputError(
         f"expected a body between {size[0]:.3g} and {size[1]:.3g} m across, got {extent:.3g} m, its coordinates taken "
-        f"in {unit}; say their unit (--mesh-unit {' or '.join(fitting) or 'UNIT'})"
+        f"in {unit}; say their unit (--mesh-unit {' or '.join(fitting) or 'UNIT'}, unit in a scene)"
     )
 
 

@@ -7,7 +7,7 @@ import os
 import traceback
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -99,7 +99,10 @@ def sample(
     if scene_file is not None:
         given: dict[str, object] = dict.fromkeys(cell.given, True)
         given |= {"kind": None if kind == KindName.sheet else kind, "axes": axes, "append": append or None}
-        _sample_file(scene_file, out, given, tissue_name, (load or Box.full).value, (paths, steps, seed))
+        given |= {"blocks": None if blocks == (1, 1, 1) else blocks, "images": None if images == "merged" else images}
+        given |= {"stress_measure": None if stress_measure == Measure.first_piola else stress_measure}
+        how: dict[str, Any] = {"paths": paths, "steps": steps, "seed": seed, "processes": processes, "plots": plots}
+        _sample_file(scene_file, out, given, tissue=tissue_name, load=(load or Box.full).value, **how)
         return
     from workflows.runs.sample import sample as run
 
@@ -123,15 +126,14 @@ def sample(
     report(summary, f"points {total}paths failed_paths processes seconds", out)
 
 
-def _sample_file(
-    path: Path, out: Path, given: Mapping[str, object], tissue: str | None, load: str, count: tuple[int, int, int]
-) -> None:
+def _sample_file(path: Path, out: Path, given: Mapping[str, object], **how: Any) -> None:
+    """Data of a tissue of the scene in a file; ``how`` is as of sample_scene."""
     from workflows.runs.sample_scene import sample_scene
-    from workflows.scenes.read import read_alone
+    from workflows.scenes.read import naming, read_alone
 
-    paths, steps, seed = count
     model = read_alone(path, given)
-    summary = sample_scene(out, model, tissue=tissue, load=load, paths=paths, steps=steps, seed=seed)
+    with naming(path):
+        summary = sample_scene(out, model, **how)
     report(summary, "points paths seconds", out)
 
 
@@ -183,9 +185,11 @@ def dns(
 
 def _dns_of_file(path: Path, out: Path, given: Mapping[str, object], linear_solver: str, *, plots: bool) -> None:
     from workflows.runs.dns_scene import dns_scene
-    from workflows.scenes.read import read_alone
+    from workflows.scenes.read import naming, read_alone
 
-    summary = dns_scene(out, read_alone(path, given), linear_solver=linear_solver, plots=plots, say=say)
+    model = read_alone(path, given)
+    with naming(path):
+        summary = dns_scene(out, model, linear_solver=linear_solver, plots=plots, say=say)
     report_sides(summary)
     report(summary, "dofs volume_change residual negative_pivots seconds", out)
 

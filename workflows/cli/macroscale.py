@@ -144,10 +144,11 @@ def _solve_file(
 ) -> None:
     """The scene of a file by the method, its own if None; ``given`` are the options that would say the same."""
     from workflows.runs.solve_scene import solve_scene
-    from workflows.scenes.read import read_alone
+    from workflows.scenes.read import naming, read_alone
 
     model = read_alone(path, given, method=method)
-    summary = solve_scene(out, model, command=command, max_error=max_error, plots=plots, say=say)
+    with naming(path):
+        summary = solve_scene(out, model, command=command, max_error=max_error, plots=plots, say=say)
     for warning in summary["warnings"]:
         say(f"{'warning':24} {warning}")
     report_sides(summary)

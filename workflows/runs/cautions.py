@@ -67,7 +67,7 @@ def scatter_caution(solution: dd.Solution) -> list[str]:
     mean = sums[1:] / sums[0]
     parts = (strain - of_cell, of_cell - mean, strain)
     inside, between, whole = np.sqrt(total(comm, [w @ ((part @ C) ** 2).sum(axis=1) for part in parts]))
-    if inside < between or inside < _NOTICEABLE * whole:
+    if inside < between or inside <= _NOTICEABLE * whole:
         return []
     return [
         f"strains vary within the elements ({inside / whole:.0%} of their size) as much as between them "

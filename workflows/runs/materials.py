@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 import dd_macro as dd
 from dd_macro.material.regional import RegionalLaw
+from dd_macro.methods.metric_choice import check_metric
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.graded_source import GradedSource
 from tsg_micro.continuum.rve_law import RVELaw
@@ -49,10 +50,16 @@ class TissueData:
     dataset: Dataset | None
 
     def keep(self, *, computed: bool) -> Keep:
-        """Whether its edges can be another material at a place: where RVEs are ``computed``, or the data hold some."""
-        if computed or self.rve is None or self.dataset is None:
+        """Whether its edges can be another material at a place: where RVEs are ``computed``, or the data hold some.
+
+        No RVE is strained at a corner where all axes are free.
+        """
+        rve = self.rve
+        if rve is None:
             return lambda place: True
-        return sampled_places(self.rve, self.dataset)
+        if computed or self.dataset is None:
+            return lambda place: any(face != "free" for face, _ in rve.at(place).faces)
+        return sampled_places(rve, self.dataset)
 
 
 def method_of(built: Built) -> dd.Method:
@@ -62,6 +69,10 @@ def method_of(built: Built) -> dd.Method:
         InputError: there is no such method, or it has no such number.
     """
     solve = built.model.solve
+    try:
+        check_metric(solve.metric)
+    except InputError as error:
+        raise InputError(f"solve.{error}") from None
     name = METHOD_NAMES.get(solve.method, solve.method)
     if name not in dd.METHODS:
         raise InputError(

@@ -33,12 +33,14 @@ def sample_scene(
     paths: int = 400,
     steps: int = 10,
     seed: int = 0,
+    processes: int | None = None,
     plots: bool = True,
 ) -> dict[str, Any]:
     """Sample ``paths`` paths of ``steps`` points in the box ``load`` for the tissue of this name; see sample.
 
     Where the bar force varies each path has one of its own, drawn between the least and the largest of the body, evenly
-    in its logarithm; the data know theirs. Work is shared by the ranks under mpirun.
+    in its logarithm; the data know theirs. Work is shared by the ranks under mpirun;
+    ``processes`` counts where it does not vary.
 
     Raises:
         InputError: an argument is not valid, the scene has no such tissue, or several and none is named.
@@ -47,7 +49,8 @@ def sample_scene(
     number = _number(built, tissue)
     given, kind = built.tissues[number], built.kinds[number]
     if not built.varies(number):
-        return sample(out, load=load, paths=paths, steps=steps, tissue=given, seed=seed, kind=kind, plots=plots)
+        how: dict[str, Any] = {"seed": seed, "processes": processes, "plots": plots}
+        return sample(out, load=load, paths=paths, steps=steps, tissue=given, kind=kind, **how)
     if load != "full":
         raise InputError(f"load: expected full in a tissue whose bar force varies, got {load!r}")
     plan, comm = Plan(load, paths, steps, seed, given, kind=kind), built.domain.comm

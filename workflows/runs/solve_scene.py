@@ -53,7 +53,6 @@ def solve_scene(
     built = build(comm, model)
     method = method_of(built)
     known = together(comm, lambda: read_tissues(built, method))
-    together(comm, lambda: output_folder(out) if comm.rank == 0 else None)
     computed = isinstance(method, dd.AdaptiveMethod) or (isinstance(method, dd.LawMethod) and method.fit is None)
     keep = [one.keep(computed=computed) for one in known]
     problem = built.problem([one.rve for one in known], keep)
@@ -67,6 +66,7 @@ def solve_scene(
         run=_fingerprint(parameters, known),
         say=say,
     )
+    together(comm, lambda: output_folder(out) if comm.rank == 0 else None)
     drop_summary(out, comm)
     resumed = steps.follow()
     dd.write_solution(out, steps.solution, stress_measure=MEASURE)

@@ -36,7 +36,10 @@ def make_body(comm: MPI.Comm, body: Body, block: float) -> dd.TaggedMesh:
     if body.spheroid is not None:
         count = 4.2 * body.spheroid**3
         _check(comm, "spheroid", count * body.refine**3)
-        blocks = np.unique(spheroid_cells(body.spheroid) // 2, axis=0)
+        try:
+            blocks = np.unique(spheroid_cells(body.spheroid) // 2, axis=0)
+        except InputError as error:
+            raise InputError(f"body.spheroid: {error}") from None
         return dd.voxel_mesh(comm, blocks, edge=block, refine=body.refine)
     counts = body.blocks or _counts(body, block)
     _check(comm, "blocks", math.prod(counts) * body.refine**3)

@@ -5,19 +5,33 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model_validator
 
 from workflows.scenes.quantities import BodyForceDensity, Force, Length, Number, Pressure
 
 __all__ = ["Body", "CellModel", "Load", "Profile", "SceneModel", "Solve", "Support", "TissueModel"]
 
 Axis = Literal["x", "y", "z"]
-Count = Annotated[int, Field(ge=1, le=10**9)]
-Range = Annotated[tuple[Length, Length], Field(description="Least and largest coordinate, m.")]
+Flag = Annotated[bool, Strict()]
+Count = Annotated[int, Strict(), Field(ge=1, le=10**9)]
 
 
-Factors = Annotated[tuple[Number, ...], Field(min_length=1, max_length=10_000)]
-Steps = Annotated[int, Field(ge=1, le=10_000)] | Factors
+def _rising(ends: tuple[float, float]) -> tuple[float, float]:
+    if ends[0] > ends[1]:
+        raise ValueError(f"expected the least coordinate and the largest, got {ends[0]:g} and {ends[1]:g} m")
+    return ends
+
+
+def _some(factors: tuple[float, ...]) -> tuple[float, ...]:
+    if not any(factors):
+        raise ValueError("expected a part of the load that is not zero, got none")
+    return factors
+
+
+Range = Annotated[tuple[Length, Length], AfterValidator(_rising)]
+"""Least and largest coordinate, m."""
+Factors = Annotated[tuple[Number, ...], Field(min_length=1, max_length=10_000), AfterValidator(_some)]
+Steps = Annotated[int, Strict(), Field(ge=1, le=10_000)] | Factors
 
 
 class _Strict(BaseModel):
@@ -37,7 +51,7 @@ class Body(_Strict):
     """gmsh file of hexahedra."""
     unit: Literal["m", "mm", "um", "nm"] = "m"
     """Of the mesh's coordinates."""
-    merge_nodes: bool = False
+    merge_nodes: Flag = False
     """Join nodes of the mesh that are at one place."""
     blocks: tuple[Count, Count, Count] | None = None
     """A box of so many blocks along x, y, z."""
@@ -47,7 +61,7 @@ class Body(_Strict):
     """The same, one block thick."""
     spheroid: Annotated[Number, Field(gt=0)] | None = None
     """All blocks whose centre is within so many block edges of the centre."""
-    refine: Annotated[int, Field(ge=1, le=8)] = 1
+    refine: Annotated[int, Strict(), Field(ge=1, le=8)] = 1
     """Elements along each edge of a block; not of a mesh."""
 
     @model_validator(mode="after")
@@ -117,7 +131,7 @@ class Support(_Strict):
     """Components, or "normal": a flat side is a plane of symmetry."""
     within: dict[Axis, Range] = {}
     """The part of the side between these coordinates."""
-    mean: bool = False
+    mean: Flag = False
     """Hold what rigid motions are left in the mean of the body."""
 
     @model_validator(mode="after")
@@ -184,13 +198,14 @@ class Solve(_Strict):
     """Number of equal parts of the load, or the part of it at every step."""
     element: Literal["enhanced", "trilinear"] | None = None
     degree: Literal[1, 2] = 1
-    edges: bool | None = None
+    edges: Flag | None = None
+    """Outer blocks of flat sides are a tissue of their own; in sheets alone if nothing is said."""
     metric: str = "auto"
-    budget: Annotated[int, Field(ge=1, le=10**7)] | None = None
+    budget: Annotated[int, Strict(), Field(ge=1, le=10**7)] | None = None
     """RVEs of an adaptive run at most."""
     tolerance: Annotated[Number, Field(gt=0, lt=1)] | None = None
     """Estimated error that ends an adaptive run."""
-    max_iterations: Annotated[int, Field(ge=1, le=10**6)] | None = None
+    max_iterations: Annotated[int, Strict(), Field(ge=1, le=10**6)] | None = None
 
     @property
     def factors(self) -> tuple[float, ...]:

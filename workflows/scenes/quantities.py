@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from functools import lru_cache
 from typing import Annotated, Any
 
@@ -12,7 +13,9 @@ __all__ = ["BodyForceDensity", "Force", "Length", "Number", "Pressure", "quantit
 
 _LONGEST = 60
 """Characters of a number with its unit."""
-_SYMBOLS = "0123456789.+-eE*/^ ()µ_"
+_SYMBOLS = "0123456789.+-eE*/ ()µ_"
+_POWER = re.compile(r"(?<=[A-Za-z])(?:\*\*|\^)-?[1-9](?![\d.])")
+"""Of a unit, as in N/m**3 or N/m^3; other powers could be of any size."""
 
 
 @lru_cache(maxsize=1)
@@ -28,7 +31,7 @@ def quantity(value: object, unit: str, what: str) -> float:
     Raises:
         ValueError: it is none, not finite, or of another dimension; the text says what was expected.
     """
-    expected = f'expected {what} such as "{_EXAMPLES.get(unit, "2")}", or a number in {unit or "1"}'
+    expected = f'expected {what} such as "{_EXAMPLES[unit]}", or a number in {unit}' if unit else f"expected {what}"
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise ValueError(f"{expected}, got {value!r}")
     number = _parsed(value, unit, expected) if isinstance(value, str) else float(value)
@@ -40,9 +43,9 @@ def quantity(value: object, unit: str, what: str) -> float:
 def _parsed(text: str, unit: str, expected: str) -> float:
     import pint
 
-    plain = len(text) <= _LONGEST and "**" not in text and all(c.isalpha() or c in _SYMBOLS for c in text)
-    digits = sum(c.isdigit() for c in text)
-    if not plain or not 0 < digits <= 20 or "^" in text:
+    rest = _POWER.sub("", text[: _LONGEST + 1])
+    plain = len(text) <= _LONGEST and "**" not in rest and all(c.isalpha() or c in _SYMBOLS for c in rest)
+    if not plain or not 0 < sum(c.isdigit() for c in text) <= 20:
         raise ValueError(f"{expected}, got {text[:_LONGEST]!r}")
     try:
         found = _registry().Quantity(text)

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+import contextlib
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from tsg_micro.data.errors import InputError
+from tsg_micro.data.errors import InputError, OutputError
 from workflows.scenes.model import SceneModel
 
-__all__ = ["read_alone", "read_scene", "scene_of"]
+__all__ = ["naming", "read_alone", "read_scene", "scene_of"]
 
 _LARGEST = 1_000_000
 _LONGEST = 80
+_TYPES = {
+    "bool_type": "true or false",
+    "dict_type": "a table",
+    "int_type": "a whole number",
+    "model_type": "a table",
+    "string_type": "a text",
+    "tuple_type": "a list",
+}
+"""What pydantic says of a value of another type than it wants."""
 _MODELS = {"str", "int", "float", "constrained-int", "Along", "Profile", "dict", "tuple", "bool"}
 
 
@@ -28,13 +38,14 @@ def read_scene(path: str | Path) -> SceneModel:
     try:
         with Path(path).open("rb") as file:
             content = file.read(_LARGEST + 1)
-        if len(content) > _LARGEST:
-            raise ValueError(f"of at most {_LARGEST} bytes, got more")
-        values = tomllib.loads(content.decode())
     except OSError as error:
-        raise InputError(f"scene {path}: expected a TOML file, it cannot be read ({error.strerror})") from None
+        raise InputError(f"{path}: expected a TOML file, got none that can be read ({error.strerror})") from None
+    if len(content) > _LARGEST:
+        raise InputError(f"{path}: expected a TOML file of at most {_LARGEST} bytes, got more")
+    try:
+        values = tomllib.loads(content.decode())
     except (ValueError, RecursionError) as error:
-        raise InputError(f"scene {path}: expected a TOML file, {error}") from None
+        raise InputError(f"{path}: expected a TOML file, got another: {error}") from None
     return scene_of(values, folder=Path(path).parent, name=str(path))
 
 
@@ -53,6 +64,21 @@ def read_alone(path: Path, given: Mapping[str, object], *, method: str | None = 
     return model.model_copy(update={"solve": model.solve.model_copy(update={"method": method})})
 
 
+@contextlib.contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """What is wrong with a scene while it is built or solved names its file too.
+
+    Raises:
+        InputError: one was raised within; one of output stays as it is.
+    """
+    try:
+        yield
+    except OutputError:
+        raise
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
 def scene_of(values: dict[str, Any], *, folder: Path = Path(), name: str = "scene") -> SceneModel:
     """The scene of plain values, as a file has them.
 
@@ -66,22 +92,26 @@ def scene_of(values: dict[str, Any], *, folder: Path = Path(), name: str = "scen
 
 
 def _first(error: ValidationError) -> str:
-    """The first thing that is wrong, as one line."""
+    """The first thing that is wrong, as one line; of what may be several things, the one that fits best."""
     found = error.errors(include_url=False)
-    # of what may be a number or a table, a table is not told that it is no number
-    fitting = [e for e in found if e["type"] != "value_error" or not isinstance(e.get("input"), dict)]
-    one = (fitting or found)[0]
-    where = [str(part) for part in one["loc"] if not _of_union(str(part))]
-    key = ".".join(where) or "scene"
-    got, kind = one.get("input"), one["type"]
-    if kind == "extra_forbidden":
+    first = _key(found[0])
+    same = [e for e in found if _key(e)[: len(first)] == first or first[: len(_key(e))] == _key(e)]
+    best = max(same, key=_fit)
+    key, got = ".".join(_key(best)) or "scene", best.get("input")
+    if best["type"] == "extra_forbidden":
         return f"{key}: expected no such key, got one"
-    if kind == "missing":
+    if best["type"] == "missing":
         return f"{key}: expected a value, got none"
-    text = " ".join(one["msg"].removeprefix("Value error, ").split())
+    text = " ".join(best["msg"].removeprefix("Value error, ").split())
     if "expected" in text and "got" in text:
         return f"{key}: {text}"
-    return f"{key}: expected {_wanted(text)}, got {_shown(got)}"
+    others = [e for e in same if _key(e) == _key(best) and _fit(e)[0] == _fit(best)[0] and e["type"] != "value_error"]
+    return f"{key}: expected {' or '.join(dict.fromkeys(_wanted(e) for e in others))}, got {_shown(got)}"
+
+
+def _key(error: Mapping[str, Any]) -> list[str]:
+    """The keys in the file that lead to what is wrong."""
+    return [str(part) for part in error["loc"] if not _of_union(str(part))]
 
 
 def _of_union(part: str) -> bool:
@@ -89,8 +119,19 @@ def _of_union(part: str) -> bool:
     return part in _MODELS or "[" in part or part.startswith(("function-", "literal", "tagged"))
 
 
-def _wanted(text: str) -> str:
+def _fit(error: Mapping[str, Any]) -> tuple[int, bool]:
+    """How far the value was understood before something was wrong: the depth, and whether its type was right."""
+    plain = str(error["loc"][-1]).startswith("function-before") and isinstance(error.get("input"), dict | list)
+    return len(error["loc"]), not (plain or error["type"] in _TYPES)
+
+
+def _wanted(error: Mapping[str, Any]) -> str:
     """What pydantic asks for, in our words."""
+    if error["type"] in _TYPES:
+        return _TYPES[error["type"]]
+    if error["type"] == "too_short":
+        return f"at least {error['ctx']['min_length']} of them"
+    text = " ".join(error["msg"].split())
     for before in ("Input should be ", "Value should be ", "Input should "):
         text = text.removeprefix(before)
     return text

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import dd_macro as dd
+from dd_macro.parallel import total
 from tsg_micro.data.errors import InputError
 from workflows.scenes.bodies import extent
 from workflows.scenes.model import Along, Axis, Load, SceneModel, Support
@@ -66,19 +67,27 @@ def loads_of(domain: dd.TaggedMesh, scene: SceneModel) -> list[dd.Load]:
 
 
 def held_and_free(domain: dd.TaggedMesh, scene: SceneModel) -> tuple[set[str], set[str]]:
-    """Sides that are held or moved as a whole in all components, and those that nothing holds."""
+    """Sides that are held or moved as a whole in all components, and those without support or load; collective.
+
+    A side that is loaded is not free: no stress passes through the outer blocks of a free one.
+    """
     held: set[str] = set()
     touched: set[str] = set()
     for support in scene.support:
-        touched |= _names(support.side)
-        if isinstance(support.side, str) and set(support.fix) == set("xyz") and not support.within:
-            held.add(support.side)
+        if isinstance(support.side, str):
+            touched.add(support.side)
+            if set(support.fix) == set("xyz") and not support.within:
+                held.add(support.side)
     for load in scene.load:
-        if load.displacement is not None:
-            touched |= _names(load.side)
-            if isinstance(load.side, str) and len(load.displacement) == 3 and not load.within:
-                held |= _names(load.side)
-    return held, set(domain.names) - touched - {"surface"}
+        if isinstance(load.side, str):
+            touched.add(load.side)
+            if load.displacement is not None and len(load.displacement) == 3 and not load.within:
+                held.add(load.side)
+    facets = [domain.facets(side) for side in sorted(touched)]
+    taken = np.unique(np.concatenate(facets)) if facets else np.zeros(0, dtype=np.int32)
+    names = sorted(domain.names)
+    shared = total(domain.comm, [np.isin(domain.facets(name), taken).sum() for name in names])
+    return held, {name for name, count in zip(names, shared, strict=True) if count == 0}
 
 
 def _names(side: Side | None) -> set[str]:

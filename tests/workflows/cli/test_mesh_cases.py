@@ -90,7 +90,7 @@ def test_units(stretch, read_summary, tmp_path):
     assert read_summary(tmp_path / "O")["top_force"] == pytest.approx(FOUR, rel=2e-4)
     done = stretch(turned(tmp_path, (0, 1, 2), 1e6))
     assert done.code == 2
-    assert "got 40 m, its coordinates taken in m; say their unit (--mesh-unit mm or um)" in done.err
+    assert "got 40 m, its coordinates taken in m; say their unit (--mesh-unit mm or um, unit in a scene)" in done.err
     done = stretch("glued_reference", "--mesh-unit", "mm")
     assert "got 4e-08 m" in done.err
     done = stretch("glued_reference", "--mesh-unit", "inch")
