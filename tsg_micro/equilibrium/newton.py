@@ -73,8 +73,11 @@ class NewtonSolver:
             schur[:k, k:] = schur[k:, :k].T
         solved = factor.solve(coupling)
         schur -= coupling.T @ solved
-        # on the constrained unknowns: each multiplier takes one negative eigenvalue of the bordered matrix
-        negative += int((np.linalg.eigvalsh(schur) < 0.0).sum()) - c
+        # On the constrained unknowns: each multiplier takes one negative eigenvalue of the bordered matrix. Rows are
+        # in J and in m/N; on one scale, which keeps the signs, rounding of the large ones does not make the small ones.
+        stiffness = np.sqrt(np.abs(values[self.pattern.diagonal]).mean())
+        scale = np.append(np.full(k, 1.0 / (stiffness * self.system.structure.size.max())), np.full(c, stiffness))
+        negative += int((np.linalg.eigvalsh(scale[:, None] * schur * scale) < 0.0).sum()) - c
         return Tangent(factor, coupling, solved, schur, negative)
 
     def _residual(self, y: Array, gradient: Array, force: Array, multipliers: Array) -> tuple[Array, Array]:
