@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from tsg_micro.data.errors import InputError
+from tsg_micro.data.files import check_regular
 from workflows.scenes.model import SceneModel
 
 __all__ = ["read_alone", "read_scene", "scene_of"]
@@ -26,6 +27,7 @@ def read_scene(path: str | Path) -> SceneModel:
         InputError: the file cannot be read, is no TOML, or a key or value is not valid.
     """
     try:
+        check_regular(path)
         with Path(path).open("rb") as file:
             content = file.read(_LARGEST + 1)
         if len(content) > _LARGEST:

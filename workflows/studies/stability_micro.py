@@ -1,4 +1,4 @@
-"""Random micro states of the stability benchmark: tissues and loads far from the paper's, each solved and rebalanced."""
+"""Random micro states of the stability benchmark: tissues and loads far from the paper's, solved and rebalanced."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def _cell(case: MicroCase) -> _Kept:
 
 
 def _rve(case: MicroCase) -> _Kept:
-    """One periodic block under mean strains; those out of the plane of a sheet are found where its plane is strained."""
+    """One periodic block under mean strains; in the plane of a sheet, those out of it are found."""
     free = SHEET if case.scene == "in-plane RVE" else ()
     rve = RVESpec.of_kind("bulk" if case.scene == "bulk" else "sheet", case.tissue, free=free).build()
     state = rve.solve_strain(case.load * np.array(case.direction)).equilibrium

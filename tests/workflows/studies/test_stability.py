@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,9 @@ def test_a_member_of_known_force_is_out_of_balance_by_it():
     """Two bars in a line, the middle node moved by 0.1: forces 2 * 0.1 and -2 * 0.1, 0.4 out of balance, mean 0.2."""
     nodes = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
     two = np.ones(2)
-    structure = from_arrays(nodes, np.array([[0, 1], [1, 2]]), kind=2 * two, EA=2 * two, rest_length=two)
+    structure = from_arrays(
+        nodes, np.array([[0, 1], [1, 2]]), kind=np.array([2, 2], dtype=np.uint8), EA=2 * two, rest_length=two
+    )
     u = np.zeros((3, 3))
     u[1, 0] = 0.1
     held = np.array([[True] * 3, [False] * 3, [True] * 3])
@@ -38,7 +41,8 @@ def test_a_state_that_is_off_is_seen(scene):
     free = SHEET if scene != "bulk" else ()
     rve = RVESpec.of_kind("bulk" if scene == "bulk" else "sheet", case.tissue, free=free).build()
     state = rve.solve_strain(case.load * np.array(case.direction)).equilibrium
-    given = {"held": np.zeros(rve.structure.nodes.shape, dtype=bool), "free": (2, 3, 4) if free else ()}
+    held = np.zeros(rve.structure.nodes.shape, dtype=bool)
+    given: dict[str, Any] = {"held": held, "free": (2, 3, 4) if free else ()}
     assert imbalance(rve.structure, state.displacement, state.H, **given) < 1e-9
     moved = state.displacement.copy()
     moved[7, 1] += 1e-9
