@@ -51,7 +51,7 @@ def stability(
     sheets: int,
     macro: int,
     seed: int = 0,
-    limit: float = 20.0,
+    limit: float = 30.0,
     processes: int = 2,
     plots: bool = True,
     say: Callable[[str], None] = lambda text: None,

@@ -28,7 +28,10 @@ _COLUMNS = 4
 
 
 def plot_stability(micro: Rows, macro: Rows) -> Figure:
-    """A panel for every scene: bar force and ratio of moduli of micro states, data and metric of macroscopic solves."""
+    """A panel for every scene: bar force and ratio of moduli of micro states, data and metric of macroscopic solves.
+
+    Its title says how many cases converged.
+    """
     kinds = (
         (micro, ("bar_force", "E_ratio"), ("bar force / N", "E of bars / E of tendons")),
         (macro, ("data", "metric"), ("number of data", "metric / default metric")),
@@ -48,7 +51,7 @@ def plot_stability(micro: Rows, macro: Rows) -> Figure:
             colours = _panel(axes, rows, names, norm)
             done = sum(row["state"] == "converged" for row in rows)
             axes.set(xscale="log", yscale="log", xlabel=labels[0], ylabel=labels[1])
-            axes.set_title(f"{scene}: {done} of {len(rows)} converged")
+            axes.set_title(f"{scene}: {done} of {len(rows)}")
             tidy(axes)
         for axes in grid[len(panels) :]:
             axes.set_axis_off()

@@ -34,7 +34,7 @@ ZERO = "eps_xx,eps_zz,eps_yz,eps_xz,eps_xy,sigma_xx,sigma_zz,sigma_yz,sigma_xz,s
 
 @dataclass(frozen=True)
 class Scene:
-    """A command that writes over what is there: ``first`` makes it, ``again`` is ended; ``check`` says what is wrong."""
+    """A command that writes over what ``first`` made: ``again`` is ended, ``check`` finds what is wrong then."""
 
     name: str
     first: Callable[[Path], tuple[object, ...]]
@@ -270,9 +270,8 @@ def main() -> None:
         scene = SCENES[k % len(SCENES)]
         start, folder = options.out / scene.name.split()[0], options.out / f"disk{k}"
         room = int(10 ** rng.uniform(2.5, 5.5))
-        fault = (mounted_disk if mount and k % 8 < 4 or scene.name == "solve" else full_disk)(
-            scene, start, folder, room, k
-        )
+        fill = mounted_disk if mount and (k % 8 < 4 or scene.name == "solve") else full_disk
+        fault = fill(scene, start, folder, room, k)
         ends[fault.split()[0] if fault else "well"] += 1
         if fault:
             print(f"disk {k}, {scene.name}, {room} bytes: {fault}", flush=True)

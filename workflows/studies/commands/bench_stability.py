@@ -20,7 +20,7 @@ def command(
     sheets: Annotated[int, typer.Option(help="Cases of each of two clamped sheets.")] = 60,
     macro: Annotated[int, typer.Option(help="Macroscopic cases with points and with tangents, each.")] = 200,
     seed: Annotated[int, typer.Option(help="Of the random design.")] = 0,
-    limit: Annotated[float, typer.Option(help="Seconds that a case may take.")] = 20.0,
+    limit: Annotated[float, typer.Option(help="Seconds that a case may take.")] = 30.0,
     processes: Annotated[int, typer.Option(help="Processes that share the work.")] = 2,
     plots: Plots = True,
 ) -> None:
