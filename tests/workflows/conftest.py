@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import logging
 import os
@@ -48,6 +49,12 @@ def call(*arguments):
     return 0
 
 
+@pytest.fixture(scope="session")
+def command_line():
+    """``command_line(*arguments)`` in this process: the exit code, where what is printed does not matter."""
+    return call
+
+
 @pytest.fixture
 def tsgdd(capsys):
     """``tsgdd(*arguments)`` in this process: exit code and what was printed."""
@@ -59,6 +66,23 @@ def tsgdd(capsys):
         return Done(code, printed.out, printed.err)
 
     return run
+
+
+@pytest.fixture(scope="session")
+def script():
+    """``script(path)``: the module in a file beside the tests, which is a program of its own too."""
+
+    def load(path):
+        name = f"tests_script_{path.stem}"
+        if name not in sys.modules:
+            spec = importlib.util.spec_from_file_location(name, path)
+            assert spec is not None
+            assert spec.loader is not None
+            sys.modules[name] = importlib.util.module_from_spec(spec)  # dataclasses look there
+            spec.loader.exec_module(sys.modules[name])
+        return sys.modules[name]
+
+    return load
 
 
 @pytest.fixture

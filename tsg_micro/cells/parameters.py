@@ -13,12 +13,17 @@ from tsg_micro.data.errors import InputError
 __all__ = ["TABLE_1", "CellParameters", "check_bar_force"]
 
 
+_LENGTHS, _MODULI = (1e-12, 1e3, "m"), (1e-6, 1e15, "Pa")
+"""Beyond which numbers are mistakes, whose products are none any more."""
+
+
 @dataclass(frozen=True)
 class CellParameters:
     """One truncated-octahedron cell: shape, size and members (paper, Table 1), SI units.
 
     Raises:
-        InputError: on construction, where a value is not positive or r is outside (0, 1).
+        InputError: on construction, where a value is not positive, r is outside (0, 1), or a length or a modulus is one
+            that no member has (below 1 pm, above 1 km; below 1 uPa, above 1e15 Pa).
     """
 
     half_diagonal: float = 0.5
@@ -40,6 +45,9 @@ class CellParameters:
         for name, value in asdict(self).items():
             if not (value > 0.0 and math.isfinite(value)):
                 raise InputError(f"{name}: expected a positive number, got {value}")
+            least, most, unit = _MODULI if name.startswith("E_") else _LENGTHS
+            if not least <= value <= most and name != "half_diagonal":
+                raise InputError(f"{name}: expected {least:g} to {most:g} {unit}, got {value}")
 
     @property
     def EA_bar(self) -> float:

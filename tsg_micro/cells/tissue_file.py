@@ -9,7 +9,7 @@ import tomli_w
 
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.data.errors import InputError
-from tsg_micro.data.files import atomic_path
+from tsg_micro.data.files import atomic_path, check_regular
 
 __all__ = ["read_tissue", "write_tissue"]
 
@@ -23,6 +23,7 @@ def read_tissue(path: str | Path) -> Tissue:
         InputError: the file cannot be read, is no TOML, has an unknown key, or a value that is not valid.
     """
     try:
+        check_regular(path)
         with Path(path).open("rb") as file:
             content = file.read(_LARGEST + 1)
         if len(content) > _LARGEST:

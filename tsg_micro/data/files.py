@@ -7,6 +7,7 @@ import errno
 import os
 import platform
 import re
+import stat
 import tempfile
 import zlib
 from collections.abc import Iterator
@@ -14,7 +15,7 @@ from pathlib import Path
 
 from tsg_micro.data.errors import InputError, OutputError
 
-__all__ = ["atomic_path", "locked", "output_file", "output_folder", "remove_leftovers", "reserve"]
+__all__ = ["atomic_path", "check_regular", "locked", "output_file", "output_folder", "remove_leftovers", "reserve"]
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _HOST = f"{zlib.crc32(platform.node().encode()):08x}"
@@ -57,6 +58,13 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         raise OutputError(f"output {path}: cannot be written ({why}); what was there is as before") from None
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def check_regular(path: str | Path) -> None:
+    """Raise OSError where ``path`` is a pipe or a device, which may never end; a folder is for the reader to refuse."""
+    mode = os.stat(path).st_mode
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise OSError(errno.EINVAL, "it is a pipe or a device", str(path))
 
 
 def reserve(path: Path, size: int) -> None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tsg_micro.cells.structure import Structure
 from tsg_micro.data.errors import ConvergenceError, InputError
+from tsg_micro.equilibrium.limit_point import LoadLine, find_limit
 from tsg_micro.equilibrium.linear_solvers import Choice
 from tsg_micro.equilibrium.members import MACRO, MemberState, MemberSystem
 from tsg_micro.equilibrium.newton import Converged, Iteration, NewtonOptions, NewtonSolver
@@ -126,7 +127,8 @@ class EquilibriumSolver:
 
         Raises:
             InputError: a shape or a value is not valid.
-            ConvergenceError: ``smallest_part`` of a part did not converge; the solver stays at its last equilibrium.
+            ConvergenceError: ``smallest_part`` of a part did not converge; the solver stays at its last equilibrium,
+                and the text says whether the path turns back there, at a limit point of the load.
         """
         expected, self._expected = self._expected, None
         if steps < 1:
@@ -142,7 +144,7 @@ class EquilibriumSolver:
         while True:
             part = part if load + part < 1.0 - 1e-9 else 1.0 - load
             if rate is None:
-                rate = self._tangent_rate(change, change_force, change_pressure)
+                rate = self._tangent_rate(self.y, self.tangent(), change, change_force, change_pressure)
             try:
                 self.system.pressure = start_pressure + (load + part) * change_pressure
                 result = self.newton.solve(
@@ -156,7 +158,17 @@ class EquilibriumSolver:
                 self._tangent, rate, part = None, None, 0.5 * part
                 self.system.pressure = start_pressure + load * change_pressure
                 if part < self.newton.options.smallest_part / steps:
-                    text = f"stopped at {load:.2%} of the load, where a part of {2.0 * part:.1e} failed; {error}"
+                    line = self._line(start_force, change_force, start_pressure, change_pressure, change)
+                    limit = find_limit(self.newton, line, self.y, load, 2.0 * part)
+                    self.system.pressure, self._tangent = start_pressure + load * change_pressure, None
+                    turn = (
+                        "no limit point was found"
+                        if limit is None
+                        else f"the path turns back at {limit:.2%}, a limit point"
+                    )
+                    text = (
+                        f"stopped at {load:.2%} of the load, where a part of {2.0 * part:.1e} failed ({turn}); {error}"
+                    )
                     raise ConvergenceError(text, history) from None
                 continue
             rate = (result.y - self.y) / part
@@ -218,18 +230,28 @@ class EquilibriumSolver:
             raise InputError(f"pressure: expected a finite number, and a surface for it to act on, got {pressure}")
         return float(pressure)
 
-    def _tangent_rate(self, change: Array, change_force: Array, change_pressure: float) -> Array:
-        """Derivative of all unknowns by the load at the present state."""
+    def _line(self, start: Array, force: Array, start_pressure: float, pressure: float, change: Array) -> LoadLine:
+        """The load as it grows from its start."""
+
+        def press(s: float) -> None:
+            self.system.pressure = start_pressure + s * pressure
+
+        return LoadLine(start, force, lambda y, tangent: self._tangent_rate(y, tangent, change, force, pressure), press)
+
+    def _tangent_rate(
+        self, y: Array, tangent: Tangent, change: Array, change_force: Array, change_pressure: float
+    ) -> Array:
+        """Derivative of all unknowns by the load at the unknowns ``y``, where the tangent is ``tangent``."""
         if not (change_pressure or change.any() or change_force.any()):
             return change
         newton, m, border = self.newton, self.system.nodal_size, self.newton.border
-        state = self.system.state(self.y)
+        state = self.system.state(y)
         product = self.system.tangent_product(state, change[:, None])[:, 0]
         if change_pressure and isinstance(self.system, PressurisedSystem):
             product += change_pressure * self.system.volume_gradient(state)
         nodal = (change_force - product[:m])[newton.free]
         rest = np.concatenate([-border.macro.T @ product[m:], -border.constraint @ change])
-        dx, dz = self.tangent().solve(nodal, rest)
+        dx, dz = tangent.solve(nodal, rest)
         rate = change.copy()
         rate[newton.free] = dx
         rate[m:] += border.macro @ dz[: border.macro.shape[1]]

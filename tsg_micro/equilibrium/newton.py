@@ -48,7 +48,11 @@ class NewtonSolver:
         self._macro_directions[m:] = self.border.macro
 
     def tangent(self, state: MemberState, *, shift: float = 0.0) -> Tangent:
-        """Factor the tangent at ``state``, with ``shift`` added to its diagonal."""
+        """Factor the tangent at ``state``, with ``shift`` added to its diagonal.
+
+        Raises:
+            ConvergenceError: it has no finite factor.
+        """
         values = self.pattern.assemble(self.system.member_blocks(state), self.system.pair_blocks(state))
         if shift:
             values[self.pattern.diagonal] += shift
@@ -73,8 +77,13 @@ class NewtonSolver:
             schur[:k, k:] = schur[k:, :k].T
         solved = factor.solve(coupling)
         schur -= coupling.T @ solved
-        # on the constrained unknowns: each multiplier takes one negative eigenvalue of the bordered matrix
-        negative += int((np.linalg.eigvalsh(schur) < 0.0).sum()) - c
+        if not np.isfinite(schur).all():
+            raise ConvergenceError("equilibrium: the tangent is not finite")
+        # On the constrained unknowns: each multiplier takes one negative eigenvalue of the bordered matrix. Rows are
+        # in J and in m/N; on one scale, which keeps the signs, rounding of the large ones does not make the small ones.
+        stiffness = np.sqrt(np.abs(values[self.pattern.diagonal]).mean())
+        scale = np.append(np.full(k, 1.0 / (stiffness * self.system.structure.size.max())), np.full(c, stiffness))
+        negative += int((np.linalg.eigvalsh(scale[:, None] * schur * scale) < 0.0).sum()) - c
         return Tangent(factor, coupling, solved, schur, negative)
 
     def _residual(self, y: Array, gradient: Array, force: Array, multipliers: Array) -> tuple[Array, Array]:
@@ -106,6 +115,15 @@ class NewtonSolver:
         largest = float((self.system.structure.EA * moved).max())
         part = _ROUNDINGS * np.finfo(float).eps * largest / scale if scale > 0.0 else 1.0
         return part if part < _SENSELESS else 0.0
+
+    def out_of_balance(self, y: Array, state: MemberState, force: Array) -> tuple[Array, Array, float]:
+        """Forces on the free nodal unknowns (N) and on the border, and their measure, with the best multipliers."""
+        gradient, none = self.system.gradient(state), np.zeros(len(self.border.constraint))
+        nodal, rest = self._residual(y, gradient, force, none)
+        if len(none):
+            multipliers = np.linalg.lstsq(self._lever, np.concatenate([nodal, rest]), rcond=None)[0]
+            nodal, rest = self._residual(y, gradient, force, multipliers)
+        return nodal, rest, self._measure(nodal, rest, state)
 
     def solve(
         self, y: Array, force: Array, *, load: float, history: list[Iteration], stable: bool = False
@@ -188,7 +206,7 @@ class NewtonSolver:
         for most in (_MOST_MODES, 0):
             tangent, shift, negative = self._tangent_for_step(state, most)
             modes = self._unstable_modes(tangent)
-            step = self._spread(*tangent.solve(nodal, rest))
+            step = self.spread(*tangent.solve(nodal, rest))
             for mode, stiffness in modes:
                 step += 2.0 * (nodal @ mode[self.free] + rest @ self._border_part(mode)) / abs(stiffness) * mode
             slope = float(gradient @ step)
@@ -196,7 +214,7 @@ class NewtonSolver:
                 break
         return step, slope, modes, (shift, negative)
 
-    def _spread(self, dx: Array, dz: Array) -> Array:
+    def spread(self, dx: Array, dz: Array) -> Array:
         """Values on the free unknowns as a vector of all unknowns (3n + 9,)."""
         step = np.zeros(self.system.size)
         step[self.free] = dx
@@ -204,7 +222,7 @@ class NewtonSolver:
         return step
 
     def _border_part(self, step: Array) -> Array:
-        """What :meth:`_spread` made of the border's free macroscopic unknowns; 0 for the multipliers."""
+        """What :meth:`spread` made of the border's free macroscopic unknowns; 0 for the multipliers."""
         macro = self.border.macro.T @ step[self.system.nodal_size :]
         return np.concatenate([macro, np.zeros(len(self.border.constraint))])
 
@@ -218,7 +236,7 @@ class NewtonSolver:
         modes = []
         for value, x in zip(values[:count], vectors.T[:count], strict=True):
             if value < 0.0:
-                modes.append((self._spread(x, tangent.solve(x, none)[1] / value), 1.0 / value))
+                modes.append((self.spread(x, tangent.solve(x, none)[1] / value), 1.0 / value))
         return sorted(modes, key=lambda mode: mode[1])
 
     def _leave_saddle(self, y: Array, modes: list[tuple[Array, float]], pull: Array) -> Array:

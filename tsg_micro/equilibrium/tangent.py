@@ -9,6 +9,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from tsg_micro.data.errors import ConvergenceError
 from tsg_micro.equilibrium.linear_solvers import Factor
 
 __all__ = ["Border", "Tangent", "lowest_ritz", "lowest_stiffness"]
@@ -47,11 +48,18 @@ class Tangent:
     """Negative eigenvalues of the energy's second derivative on the free unknowns."""
 
     def solve(self, x: Array, z: Array) -> tuple[Array, Array]:
-        """Solution of the bordered system for right-hand sides (nx,) or (nx, k) and (border,) or (border, k)."""
+        """Solution of the bordered system for right-hand sides (nx,) or (nx, k) and (border,) or (border, k).
+
+        Raises:
+            ConvergenceError: there is none.
+        """
         x = self.factor.solve(x)
         if self.schur.size == 0:
             return x, z
-        z = np.linalg.solve(self.schur, z - self.coupling.T @ x)
+        try:
+            z = np.linalg.solve(self.schur, z - self.coupling.T @ x)
+        except np.linalg.LinAlgError:
+            raise ConvergenceError("equilibrium: the tangent of the border is singular") from None
         return x - self.solved @ z, z
 
 

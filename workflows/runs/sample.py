@@ -28,6 +28,8 @@ from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import locked, output_file
 from tsg_micro.data.stress import check_measure
 from workflows.runs.ranks import world
+from workflows.runs.sample_kept import KeptPaths
+from workflows.store.checkpoint import fingerprint
 from workflows.store.limits import check_memory
 from workflows.store.record import read_summary, summary_path, versions, write_summary
 
@@ -112,6 +114,7 @@ def sample(
 
     ``kind`` and ``axes`` say of which RVE: tsg_micro.continuum.rve_spec.KINDS, and the words of RVESpec.with_axes.
     Paths are shared among the ranks under mpirun, else among ``processes`` (all cores if None); the data are the same.
+    A run that was cut short goes on from the paths that it had done when the same is asked for again.
 
     Raises:
         InputError: an argument is not valid, or no path reached any state.
@@ -125,14 +128,19 @@ def sample(
         _check_append(out, plan, stress_measure)
     if processes is not None and processes < 1:
         raise InputError(f"processes: expected at least 1, got {processes}")
-    processes = min(paths, processes or os.cpu_count() or 1) if comm is None else 1
+    kept = KeptPaths(out, fingerprint({**plan.parameters(), **plan.spec.parameters()}), comm)
+    left = kept.left(paths)
+    processes = max(1, min(len(left), processes or os.cpu_count() or 1)) if comm is None else 1
     begin = time.perf_counter()
-    with _progress(-(-paths // size) if rank == 0 else None) as advance:
+    with _progress(-(-len(left) // size) if rank == 0 else None) as advance:
         if processes > 1:
-            done = _in_processes(processes, plan, advance)
+            _in_processes(processes, plan, left, kept, advance)
         else:
             with threadpool_limits(1):
-                done = plan.run(plan.spec.build(), range(rank, paths, size), advance)
+                rve = plan.spec.build()
+                for path in left[rank::size]:
+                    kept.add(plan.run(rve, [path], advance))
+    done = kept.done
     if comm is not None:
         parts = comm.gather(done)
         done = [data for part in parts for data in part] if rank == 0 else []
@@ -141,6 +149,7 @@ def sample(
         return comm.bcast(None)  # type: ignore[no-any-return]
     ran = {"processes": (size if comm is not None else processes, ""), "seconds": (seconds, "s")}
     stored, summary = _store(out, plan, done, ran, stress_measure=stress_measure, append=append)
+    kept.remove(others=not append)
     if plots:
         from tsg_micro.data.figure_style import save_figure
         from tsg_micro.figures.data import plot_dataset
@@ -235,22 +244,20 @@ def _progress(paths: int | None) -> Iterator[Callable[[], None]]:
         yield lambda: progress.advance(task)
 
 
-def _in_processes(processes: int, plan: Plan, advance: Callable[[], None]) -> list[PathData]:
-    """All paths, shared among processes of this machine."""
-    done: list[PathData] = []
+def _in_processes(processes: int, plan: Plan, left: list[int], kept: KeptPaths, advance: Callable[[], None]) -> None:
+    """The paths that are left, shared among processes of this machine."""
     pool = ProcessPoolExecutor(processes, get_context("spawn"), initializer=_start_worker, initargs=(plan,))
     with pool:
         try:
-            futures = [pool.submit(_work, plan, path) for path in range(plan.paths)]
+            futures = [pool.submit(_work, plan, path) for path in left]
             for future in as_completed(futures):
-                done += future.result()
+                kept.add(future.result())
                 advance()
         except BrokenProcessPool:
             raise ChildProcessError("sample: a worker process was ended from outside, or for lack of memory") from None
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
-    return done
 
 
 def _start_worker(plan: Plan) -> None:

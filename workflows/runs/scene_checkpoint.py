@@ -13,7 +13,7 @@ from dd_macro.parallel import together
 from dd_macro.results.state_file import read_state, write_state
 from tsg_micro.data.dataset import Dataset, read_dataset, write_dataset
 from tsg_micro.data.errors import InputError
-from tsg_micro.data.files import atomic_path
+from tsg_micro.data.files import atomic_path, check_regular
 
 __all__ = ["Standing", "read_standing", "remove_standing", "write_standing"]
 
@@ -75,6 +75,7 @@ def _content(out: Path) -> dict[str, Any] | None:
     if not path.exists():
         return None
     try:
+        check_regular(path)
         found = json.loads(path.read_text())
     except (OSError, ValueError, RecursionError):
         found = {}

@@ -11,6 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from tsg_micro.data.errors import InputError, OutputError
+from tsg_micro.data.files import check_regular
 from workflows.scenes.model import SceneModel
 
 __all__ = ["naming", "read_alone", "read_scene", "scene_of"]
@@ -36,6 +37,7 @@ def read_scene(path: str | Path) -> SceneModel:
         InputError: the file cannot be read, is no TOML, or a key or value is not valid.
     """
     try:
+        check_regular(path)
         with Path(path).open("rb") as file:
             content = file.read(_LARGEST + 1)
     except OSError as error:

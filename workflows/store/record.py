@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from tsg_micro.data.errors import InputError
-from tsg_micro.data.files import atomic_path
+from tsg_micro.data.files import atomic_path, check_regular
 
 __all__ = [
     "drop_summary",
@@ -131,6 +131,7 @@ def read_summary(folder: Path, *commands: str) -> dict[str, Any]:
     kind = "file" if folder.is_file() else "folder"
     expected = f"expected a {kind} made by {' or '.join(f"'tsgdd {command}'" for command in commands)}"
     try:
+        check_regular(path)
         summary = json.loads(path.read_text())
     except OSError:
         raise InputError(f"{folder}: {expected}, it has no {path.name}") from None

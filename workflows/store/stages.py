@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from tsg_micro.data.files import atomic_path, output_folder
+from tsg_micro.data.files import atomic_path, check_regular, output_folder
 from workflows.store.checkpoint import fingerprint
 
 __all__ = ["Stages"]
@@ -67,6 +67,7 @@ def _files(folder: Path) -> list[Path]:
 def _valid(mark: Path, run: str) -> bool:
     """Whether the stage with this stage.json was made by the same run, and its files are as it left them."""
     try:
+        check_regular(mark)
         stored = json.loads(mark.read_text())
         return stored["hash"] == run and all(
             (mark.parent / name).stat().st_size == size for name, size in stored["files"].items()

@@ -23,7 +23,7 @@ from scipy.linalg import qr
 from tsg_micro.cells.structure import from_arrays
 from tsg_micro.cells.unit_cell import BAR, EDGE_TENDON
 from tsg_micro.data.errors import ConvergenceError, InputError
-from tsg_micro.data.files import output_folder
+from tsg_micro.data.files import check_regular, output_folder
 from tsg_micro.equilibrium.load_path import EquilibriumSolver
 from tsg_micro.equilibrium.members import MACRO, MemberSystem
 from workflows.store.record import write_summary
@@ -134,6 +134,7 @@ def _read_case(path: Path) -> dict[str, NDArray[Any]]:
         InputError: the file cannot be read, or an array is missing or of another shape.
     """
     try:
+        check_regular(path)
         with np.load(path) as stored:
             data = {name: stored[name] for name in stored.files}
     except (OSError, ValueError, EOFError, LookupError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:

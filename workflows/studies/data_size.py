@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tsg_micro.data.dataset import Dataset, take
 from tsg_micro.data.errors import InputError
-from tsg_micro.data.files import output_folder
+from tsg_micro.data.files import check_regular, output_folder
 from workflows.runs.loads import LOADS
 from workflows.runs.tensegrity import describe, read_blocks
 from workflows.store.checkpoint import fingerprint
@@ -156,6 +156,7 @@ def _spread(values: list[Array]) -> dict[str, list[float | None]]:
 def _read(file: Path, run: str, sizes: list[int]) -> list[Row]:
     """The rows of an earlier part of the same run, of whole draws only; none where there are none."""
     try:
+        check_regular(file)
         with file.open(newline="") as stream:
             if stream.readline() != f"# run {run}\n":
                 return []

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import dataclass, replace
+
 import numpy as np
 import pytest
 
 from tsg_micro.cells.lattice import side_nodes
+from tsg_micro.cells.structure import from_arrays
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.equilibrium.load_path import EquilibriumSolver
 from tsg_micro.equilibrium.newton import Iteration, NewtonOptions
@@ -198,3 +202,64 @@ def test_bad_supports(box):
 def test_bad_options(name, value):
     with pytest.raises(InputError, match=f"{name}: expected a positive number"):
         NewtonOptions(**{name: value})
+
+
+@dataclass(frozen=True)
+class Softening:
+    """t = EA e exp(-k e), e = l / l0 - 1: the force is largest at e = 1 / k."""
+
+    k: float = 5.0
+
+    def energy(self, length, rest_length, members):
+        e = length / rest_length - 1.0
+        return float(np.sum(members.EA * rest_length * (1.0 - (1.0 + self.k * e) * np.exp(-self.k * e))) / self.k**2)
+
+    def force(self, length, rest_length, members):
+        e = length / rest_length - 1.0
+        return members.EA * e * np.exp(-self.k * e)
+
+    def stiffness(self, length, rest_length, members):
+        e = length / rest_length - 1.0
+        return members.EA / rest_length * (1.0 - self.k * e) * np.exp(-self.k * e)
+
+    def rest_length(self, length, force, members):
+        return length * np.ones_like(force)
+
+
+def hanging(law, *, angle=0.0):
+    """A node that may move along x, on a member of length 1 and EA 1 that holds it, its direction turned by angle."""
+    nodes = np.array([[-np.cos(angle), np.sin(angle), 0.0], [0.0, 0.0, 0.0]])
+    one = np.ones(1)
+    structure = from_arrays(nodes, np.array([[0, 1]]), kind=np.array([1], dtype=np.uint8), EA=one, rest_length=one)
+    fixed = np.ones((2, 3), dtype=bool)
+    fixed[1, 0] = False
+    return replace(structure, law=law, size=np.ones(3)), fixed
+
+
+@pytest.mark.parametrize("times", [1.1, 3.0])
+@pytest.mark.parametrize("k", [2.0, 5.0])
+def test_a_lost_equilibrium_at_a_limit_point_says_so(k, times):
+    """The member bears 1 / (k e) N at most; the fraction of the load at which the path turns back is that."""
+    structure, fixed = hanging(Softening(k))
+    largest = np.exp(-1.0) / k
+    force = np.zeros((2, 3))
+    force[1, 0] = times * largest
+    solver = EquilibriumSolver(structure, fixed=fixed, options=NewtonOptions(max_iterations=15))
+    with pytest.raises(ConvergenceError) as caught:
+        solver.solve(force=force, stable=True)
+    (shown,) = re.findall(r"the path turns back at ([\d.]+)%, a limit point", str(caught.value))
+    found = float(shown)
+    assert found == pytest.approx(100.0 / times, rel=0.02)
+    assert found <= 100.0 / times + 0.01
+    reached = solver.solve()  # it stays at its last equilibrium, below the limit
+    assert reached.members.force[0] == pytest.approx(solver.force[3], rel=1e-8)
+    assert 0.9 * largest < reached.members.force[0] <= largest
+
+
+def test_what_is_lost_otherwise_is_no_limit_point():
+    structure, fixed = hanging(Softening(), angle=0.3)
+    solver = EquilibriumSolver(structure, fixed=fixed, options=NewtonOptions(max_iterations=1, smallest_part=0.9))
+    force = np.zeros((2, 3))
+    force[1, 0] = 0.03
+    with pytest.raises(ConvergenceError, match="no limit point was found"):
+        solver.solve(force=force)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.linalg import null_space
 from scipy.optimize import brentq
 
 from tsg_micro.cells.lattice import side_nodes
+from tsg_micro.cells.parameters import CellParameters
 from tsg_micro.cells.structure import from_arrays
 from tsg_micro.cells.unit_cell import BAR, EDGE_TENDON
+from tsg_micro.continuum.rve import build_rve
 from tsg_micro.equilibrium.load_path import EquilibriumSolver
 from tsg_micro.equilibrium.newton import NewtonOptions
 
@@ -186,3 +189,27 @@ def test_a_slender_column_of_cells_buckles_and_is_followed(box):
     # a clamped column, shortened by D beyond its critical load, bows out by (2 / pi) sqrt(D L)
     bow = 2.0 / np.pi * np.sqrt(0.015) * structure.size[1]
     assert np.linalg.norm(sideways, axis=1).max() == pytest.approx(bow, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("bar_force", "half_diagonal", "E_bar", "strain"),
+    [
+        (3.024e-10, 0.5708, 2.1424e5, (0.01418, 0.0008065, 0.05044)),
+        (1.0389e-11, 0.6320, 1.7030e5, (0.04635, 0.04053, -0.01334)),
+        (4.168e-11, 0.7972, 1.42496e6, (0.12803, -0.06932, 0.00372)),
+    ],
+)
+def test_soft_cells_under_little_force_are_not_called_unstable(bar_force, half_diagonal, E_bar, strain):
+    """Eigenvalues of the constrained tangent, by dense algebra, are positive, and the count of pivots agrees."""
+    cell = CellParameters(half_diagonal=half_diagonal, E_bar=E_bar)
+    rve = build_rve(cell, bar_force=bar_force)
+    xx, yy, xy = strain
+    state = rve.solve_strain([xx, yy, 0, 0, 0, xy]).equilibrium
+    newton, m = rve.solver.newton, rve.solver.system.nodal_size
+    unknowns = np.zeros((rve.solver.system.size, len(newton.free) + newton.border.macro.shape[1]))
+    unknowns[newton.free, np.arange(len(newton.free))] = 1.0
+    unknowns[m:, len(newton.free) :] = newton.border.macro / rve.structure.size.max()
+    kept = unknowns @ null_space(newton.border.constraint @ unknowns)
+    tangent = kept.T @ rve.solver.system.tangent_product(state.members, kept)
+    assert np.linalg.eigvalsh(tangent).min() > 0.0
+    assert state.negative_pivots == 0
