@@ -20,6 +20,8 @@ __all__ = ["cluster"]
 
 Array = NDArray[np.float64]
 _MOVES, _TIE, _NOTHING = 8, 1e-6, 1e-8
+_UNEVEN = 1e-4
+"""By which coordinates are told apart where a symmetry of the scene makes them equal but for round-off."""
 _GENERIC = np.array([1.0, 0.83, 0.71, 0.59, 0.47, 0.37, 0.29])
 """No symmetry of a scene leaves it as it is: it says which of two ends of a line comes first."""
 
@@ -42,7 +44,8 @@ def cluster(comm: MPI.Comm, x: Array, weights: Array, fixed: Array, *, count: in
         mine = owner == split
         off, share = x[mine] - centres[split], (weights * r2)[mine]
         scatter = total(comm, np.einsum("n,ni,nj->ij", share, off, off))
-        axes = np.linalg.eigh(scatter).eigenvectors
+        uneven = 1.0 + _UNEVEN * _GENERIC[: len(scatter)]
+        axes = np.linalg.eigh(uneven[:, None] * scatter * uneven).eigenvectors
         axis = axes[:, -1] * np.where(axes[:, -1] @ _GENERIC[: len(axes)] < 0, -1.0, 1.0)
         along = off @ axis
         sides = (along > 0, along <= 0)
