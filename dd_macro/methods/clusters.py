@@ -35,10 +35,11 @@ def cluster(comm: MPI.Comm, x: Array, weights: Array, fixed: Array, *, count: in
     centres = fixed
     parent = np.arange(len(fixed))
     owner, r2 = _assign(x, fixed)
-    scale = float(total(comm, weights @ (x**2).sum(axis=1)) / total(comm, weights.sum()))
+    square, volume = total(comm, [weights @ (x**2).sum(axis=1), weights.sum()])
+    scale = float(square / volume) if volume > 0 else 0.0  # a part of the body may be all edge
     for _ in range(count):
         cost = total(comm, np.bincount(owner, weights * r2**2, minlength=len(centres)))
-        if cost.max() <= (_NOTHING * scale) ** 2 * float(total(comm, weights.sum())):
+        if cost.max() <= (_NOTHING * scale) ** 2 * volume:
             break
         split = int(np.flatnonzero(cost >= (1 - _TIE) * cost.max())[0])  # the first of those equal but for round-off
         mine = owner == split

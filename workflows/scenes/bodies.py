@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from mpi4py import MPI
@@ -47,7 +48,9 @@ def make_body(comm: MPI.Comm, body: Body, block: float) -> dd.TaggedMesh:
     if body.blocks is not None or np.allclose(lengths, block * np.array(counts), rtol=1e-9, atol=0):
         return dd.voxel_mesh(comm, box_cells(*counts), edge=block, refine=body.refine)
     nx, ny, nz = (body.refine * n for n in counts)
-    return dd.box(comm, elements=(nx, ny, nz), size=(lengths[0], lengths[1], lengths[2]))
+    domain = dd.box(comm, elements=(nx, ny, nz), size=(lengths[0], lengths[1], lengths[2]))
+    first, *others = domain.names.values()
+    return replace(domain, names=domain.names | {"surface": first}, shared={"surface": tuple(others)})
 
 
 def _check(comm: MPI.Comm, name: str, elements: float) -> None:

@@ -189,6 +189,29 @@ def test_a_body_force_in_a_region_and_the_tissues_of_its_cells(tmp_path):
     np.testing.assert_array_equal(built.bar_force, np.where(near, 2e-8, Tissue().bar_force))
 
 
+@pytest.mark.parametrize(
+    ("body", "extent", "cells"),
+    [
+        ("blocks = [3, 2, 1]", (60, 40, 20), 6),
+        ('box = ["60 um", "40 um", "20 um"]\nrefine = 2', (60, 40, 20), 48),
+        ('box = ["55 um", "0.03 mm", 24e-6]', (55, 30, 24), 6),
+        ('sheet = ["90 um", "40 um"]', (90, 40, 20), 8),
+        ("spheroid = 2", (80, 80, 80), 32),
+    ],
+)
+def test_bodies(body, extent, cells):
+    """Their size, to the length or the block; a pressure on all of the surface has no resultant, on a side p A."""
+    text = f"[body]\n{body}\n[tissue.one]\n{FREE}"
+    found, x = problem(f"{text}{PUSHED}")
+    assert found.operator.domain.global_cells == cells
+    np.testing.assert_allclose(np.ptp(x, axis=0) * 20.0, extent, rtol=1e-12)
+    assert np.abs(found.forces).max() > 0
+    np.testing.assert_allclose(nodal(found.forces, x).sum(axis=0), 0.0, atol=1e-12 * np.abs(found.forces).max())
+    one, _ = problem(text.replace(FREE, HELD) + PUSHED.replace("surface", "front"))
+    area = {"spheroid = 2": 4 * 400}.get(body, extent[0] * extent[1])
+    np.testing.assert_allclose(nodal(one.forces, x).sum(axis=0)[2], -3e-12 * area, rtol=1e-9)
+
+
 @pytest.mark.parametrize("element", ["enhanced", "trilinear"])
 def test_patch(tmp_path, element):
     """A traction between planes of symmetry: one stress, in elements of any shape; the strain is Hooke's."""
