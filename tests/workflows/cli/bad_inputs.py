@@ -447,6 +447,10 @@ _PLACES: tuple[tuple[str, Callable[[Path], Path]], ...] = (
 )
 
 
+_PASS = ("output is a file or a folder", "output is empty")
+"""The second is the present folder."""
+
+
 def _touched(path: Path) -> Path:
     path.touch()
     return path
@@ -477,7 +481,7 @@ def _kinds(rng: random.Random, sources: Sources, folder: Path) -> Iterator[BadIn
             suffix = {"H5": ".h5", "MSH": ".msh"}.get(_COMMANDS[command][-1], "")
             out = made(place)
             out = out.with_name(out.name + suffix) if what in ("output is in proc", "output has a long name") else out
-            yield BadInput(f"{command}: {what}", (*given[:-1], str(out)), may_pass="file or a folder" in what)
+            yield BadInput(f"{command}: {what}", (*given[:-1], str(out)), may_pass=what in _PASS)
         elif choice == 2:
             option = rng.choice(_WORDS)
             word = rng.choice(["nonsense", "", "ä" * 50, "sheet sheet sheet", "a=b:c", ",", "=", "../..", "%s{0}\\"])

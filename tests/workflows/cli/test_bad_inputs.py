@@ -23,7 +23,7 @@ def made(script, command_line, tmp_path_factory):
 def test_bad_inputs_end_in_one_line(made, tsgdd, monkeypatch):
     bad_inputs, sources, folder = made
     monkeypatch.chdir(folder)
-    some = [bad for bad in bad_inputs.bad_inputs(sources, folder / "inputs", 90, seed=3) if not bad.may_pass]
+    some = [bad for bad in bad_inputs.bad_inputs(sources, folder / "inputs", 140, seed=3) if not bad.may_pass]
     some = [bad for bad in some if bad.arguments[0] not in SLOW][:COUNT]
     assert len(some) == COUNT
     for bad in some:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -47,22 +44,6 @@ def test_the_script_sees_faults(kills, importing, tmp_path):
     summary = start / "m.summary.json"
     summary.write_text(summary.read_text().replace('"points": 40', '"points": 41'))
     assert scene.check(start, start).startswith("mixed")
-
-
-def test_the_next_start_removes_what_a_killed_run_left(tsgdd, tmp_path):
-    """A process that writes and is killed: its temporary file goes, that of a running one stays."""
-    write = (
-        "import os, signal, sys\nfrom tsg_micro.data.files import atomic_path\n"
-        "with atomic_path(sys.argv[1]) as path:\n    path.write_bytes(b'half')\n"
-        "    os.kill(os.getpid(), signal.SIGKILL)"
-    )
-    subprocess.run([sys.executable, "-c", write, str(tmp_path / "data.h5")], check=False, timeout=60)
-    (left,) = tmp_path.glob(".data-*.h5")
-    running = left.with_name(left.name.replace(left.name.split("-")[2], str(os.getppid())))
-    running.write_bytes(b"of another process")
-    assert tsgdd("structure", "--cells", 1, 1, 1, "--no-plots", "--out", tmp_path).code == 0
-    assert not left.exists()
-    assert running.exists()
 
 
 @pytest.mark.parametrize("append", [False, True])
