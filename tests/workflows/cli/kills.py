@@ -117,7 +117,7 @@ def _check_sample(after: Path, before: Path) -> str:
 
 
 def _check_dns(after: Path, before: Path) -> str:
-    """A summary stands beside fields of its own strain, and no load step that was done is lost."""
+    """A summary stands beside data of its own strain."""
     if text := _whole(after):
         return text
     summary = after / "O" / "summary.json"
