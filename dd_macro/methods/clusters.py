@@ -35,7 +35,7 @@ def cluster(comm: MPI.Comm, x: Array, weights: Array, fixed: Array, *, count: in
     centres = fixed
     parent = np.arange(len(fixed))
     owner, r2 = _assign(x, fixed)
-    square, volume = total(comm, [weights @ (x**2).sum(axis=1), weights.sum()])
+    square, volume = total(comm, np.array([weights @ (x**2).sum(axis=1), weights.sum()]))
     scale = float(square / volume) if volume > 0 else 0.0  # a part of the body may be all edge
     for _ in range(count):
         cost = total(comm, np.bincount(owner, weights * r2**2, minlength=len(centres)))

@@ -382,7 +382,7 @@ def test_a_run_that_is_killed_goes_on(program, tsgdd, tmp_path, read_summary):
 
 
 def test_1_2_and_3_ranks(mpirun, program, tmp_path, read_summary):
-    """A bar force that varies, a pressure that follows, free in space, in finite strain."""
+    """A bar force that varies, a pressure that follows, free in space, in finite strain; y and z are alike."""
     text = """
     [body]
     blocks = [3, 1, 1]
