@@ -9,8 +9,8 @@ help: ## list these targets
 demo: compiler .venv/.stamp ## the whole chain on a stretched monolayer; figure and fields in results/demo
 	@$(bin)/tsgdd demo --out results/demo
 
-test: compiler .venv/.stamp ## all tests, then those marked mpi on two ranks; ARGS="-k name" goes to pytest
-	$(bin)/python -m pytest $(ARGS)
+test: compiler .venv/.stamp ## all tests, a process a core, then those marked mpi on two ranks; ARGS="-k name" goes to pytest
+	$(bin)/python -m pytest --numprocesses auto --dist loadfile $(ARGS)
 	PATH="$(CURDIR)/$(bin):$$PATH" OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 mpirun -n 2 $(bin)/python -m pytest -m mpi $(ARGS)
 
 lint: .venv/.stamp ## ruff and mypy

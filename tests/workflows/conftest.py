@@ -8,10 +8,13 @@ import logging
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+
+from tsg_micro.data.dataset import read_dataset, write_dataset
 
 
 class Done(NamedTuple):
@@ -149,3 +152,14 @@ def read_summary():
 def is_png():
     """Whether a file is a PNG with something in it."""
     return lambda path: path.read_bytes().startswith(b"\x89PNG\r\n") and path.stat().st_size > 5000
+
+
+@pytest.fixture
+def nameless():
+    """A copy of a data set that does not say which tissue it is from, so that a solve adds no state at rest to it."""
+
+    def copy(path, folder):
+        write_dataset(folder / "nameless.h5", replace(read_dataset(path), parameters={}))
+        return folder / "nameless.h5"
+
+    return copy

@@ -19,7 +19,6 @@ from tsg_micro.data.dataset import Dataset, read_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import from_mandel
 from workflows.runs.loads import LOADS, check_load, check_reach
-from workflows.runs.rest import with_rest
 from workflows.store.limits import check_memory
 
 __all__ = ["CLAMPS", "ELEMENTS", "KINEMATICS", "OLDER", "Scene", "read_material", "tissue_of"]
@@ -212,7 +211,7 @@ def read_material(data: Path, scene: Scene, stress_measure: str | None = None) -
         InputError: the file is not valid, or its data do not reach the nominal strain of the scene; those that were
             adapted to this load, up to this strain or more, hold what its scene needs, whatever their range.
     """
-    dataset = with_rest(dd.THEORIES[scene.kinematics].dataset(read_dataset(data), stress_measure))
+    dataset = dd.THEORIES[scene.kinematics].dataset(read_dataset(data), stress_measure)
     for source in dataset.sources:
         made_for = source.get("adapted")
         if isinstance(made_for, dict) and made_for["load"] == scene.load and 0 < scene.strain / made_for["strain"] <= 1:

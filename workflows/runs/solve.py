@@ -21,6 +21,7 @@ from tsg_micro.data.files import output_folder
 from workflows.runs.adaptation import rve_of, source_for
 from workflows.runs.checks import check_limit, judge
 from workflows.runs.edges import data_of, in_parts, inside_of, sampled_places, specs_of
+from workflows.runs.rest import with_rest
 from workflows.runs.scene import Scene, read_material, tissue_of
 from workflows.store.record import drop_summary, peak_memory, write_summary
 
@@ -80,7 +81,7 @@ class _Asked:
         if self.adaptation is None:
             if self.data is None:
                 raise InputError("data: expected a file, or --adapt with --bar-force, got neither")
-            dataset = read_material(self.data, self.scene, self.stress_measure)
+            dataset = with_rest(read_material(self.data, self.scene, self.stress_measure))
             inside = inside_of(dataset, self.scene.kind)
             if self.tangents == 2 and dataset.tangent is None and len(dataset) < _LEAST:
                 raise InputError(

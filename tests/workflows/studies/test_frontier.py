@@ -63,12 +63,16 @@ def test_what_the_data_leave(run):
         assert last["error_mech"] == pytest.approx(floor, abs=2 * last["error_fe2"])
 
 
-def test_errors_are_those_of_solve_and_compare(run, chain, tsgdd, read_summary, tmp_path):
+def test_errors_are_those_of_solve_and_compare(run, chain, tsgdd, read_summary, nameless, tmp_path):
     out, summary = run
-    plain = ("--element", "trilinear", "--order", 2, "--no-plots")
-    solve = ("solve", "--data", chain.data, "--elements", 4, 4, 1, "--strain", 0.04, *plain)
-    assert tsgdd(*solve, "--out", tmp_path / "dd").code == 0
-    for folder, method in ((chain.dd, "data-driven, metric tangent"), (tmp_path / "dd", "second-order data")):
+    solve = ("solve", "--data", nameless(chain.data, tmp_path), "--elements", 4, 4, 1, "--strain", 0.04)
+    for order, folder in ((1, "points"), (2, "dd")):
+        more = ("--element", "trilinear", "--order", order, "--no-plots", "--out", tmp_path / folder)
+        assert tsgdd(*solve, *more).code == 0
+    for folder, method in (
+        (tmp_path / "points", "data-driven, metric tangent"),
+        (tmp_path / "dd", "second-order data"),
+    ):
         assert tsgdd("compare", "--dd", folder, "--dns", chain.dns, "--out", tmp_path / "c", "--no-plots").code == 0
         compared, point = read_summary(tmp_path / "c"), points(summary, method)[-1]
         for name in ("mech", "mat"):
