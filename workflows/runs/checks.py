@@ -21,6 +21,17 @@ __all__ = ["LARGE_DISTANCE", "LARGE_ERROR", "Verdict", "check_limit", "estimate_
 
 LARGE_ERROR, LARGE_DISTANCE = 0.05, 0.05
 """Estimated error, and where there is none normalised distance, beyond which a run warns."""
+_KEYS = {
+    "--rve-budget": "solve.budget",
+    "--kinematics finite": 'solve.kinematics = "finite"',
+    "--order 2": 'solve.method = "tangents"',
+    "--adapt": 'solve.method = "adaptive"',
+    "--kind bulk": 'kind = "bulk"',
+    "--kind sheet": 'kind = "sheet"',
+    "--element enhanced": 'solve.element = "enhanced"',
+    "--degree 2": "solve.degree = 2",
+}
+"""Options, and the keys of scene files that say the same."""
 
 
 @dataclass(frozen=True)
@@ -85,16 +96,24 @@ def judge_scene(
     if solution.dataset is None:
         return None
     sources = scene_sources(built, known, solution.problem)
-    estimate = dd.check_by_data(solution)
-    if sources is not None:
+    if sources is None:
+        estimate = dd.check_by_data(solution)
+    else:
         estimate = dd.check_by_source(solution, sources, bar_force=point_bar_forces(built, solution.problem))
     figures, solve = solution.figures(), built.model.solve
     warnings = _of_the_data(estimate, figures)
     trilinear = solve.degree == 1 and solve.element == "trilinear"
     for rve in {one.rve for one in known}:
         warnings += body_cautions(solution.problem, rve, bends=(0, 1, 2), trilinear=trilinear)
-    warnings = list(dict.fromkeys(warnings)) + scatter_caution(solution)
+    warnings = [_in_keys(text) for text in dict.fromkeys(warnings)] + scatter_caution(solution)
     return Verdict(estimate, _line(estimate, figures), warnings, limit)
+
+
+def _in_keys(text: str) -> str:
+    """A warning that names options, in the keys of a scene file."""
+    for option, key in _KEYS.items():
+        text = text.replace(option, key)
+    return text
 
 
 def _of_one_tissue(solution: dd.Solution) -> bool:

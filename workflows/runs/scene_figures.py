@@ -12,6 +12,7 @@ import dd_macro as dd
 from dd_macro.results.history_figures import history_figures
 from tsg_micro.data.figure_style import MICRO, STYLE, new_figure, plot_maps, save_figure, tidy
 from tsg_micro.data.slices import plot_slices, slices_of_cells
+from tsg_micro.figures.hexahedra import plot_hexahedra
 
 __all__ = ["draw_scene"]
 
@@ -20,7 +21,7 @@ _FLAT, _ROUND_OFF = 1.5, 1e-9
 
 
 def draw_scene(out: Path, solution: dd.Solution, rows: list[dict[str, Any]]) -> None:
-    """Write fields.png and, where there are several steps, steps.png, beside those of the method."""
+    """Write fields.png, space.png of a body in space, steps.png where there are several, and those of the method."""
     fields = dd.read_quadrature(out / "quadrature.h5")
     shown = {
         "pressure $p$": (fields.cell_mean(fields.mechanical_p), "Pa"),
@@ -33,6 +34,8 @@ def draw_scene(out: Path, solution: dd.Solution, rows: list[dict[str, Any]]) -> 
         save_figure(plot_maps(fields.corners[:, :4, :2], shown), out / "fields.png")
     else:
         save_figure(plot_slices(slices_of_cells(fields.corners), shown), out / "fields.png")
+        pressure, unit = shown["pressure $p$"]
+        save_figure(plot_hexahedra(fields.corners, pressure, f"pressure $p$ / {unit}"), out / "space.png")
     if len(rows) > 1:
         _draw_steps(out, rows)
     for name, figure in history_figures(solution).items():
