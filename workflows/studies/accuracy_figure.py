@@ -38,7 +38,8 @@ def plot_accuracy(rows: Sequence[Mapping[str, Any]], model: Mapping[str, Any]) -
                 axes.barh(y - offset, values, 0.8 / len(shown), color=colour, label=label)
             for place, case in zip(y, cases, strict=True):
                 if own[case]["error"] is None:
-                    axes.text(0.02, place, "failed", transform=axes.get_yaxis_transform(), va="center", color="#c8553d")
+                    word = "failed" if own[case]["note"] else "none"
+                    axes.text(0.02, place, word, transform=axes.get_yaxis_transform(), va="center", color="#c8553d")
             axes.set_title(_TITLES[zone])
             axes.set_xlabel("error of p (stretch) or q (shear) / %")
             axes.set_yticks(y, cases)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from workflows.studies.bench_accuracy import CASES, ZONES, Case, accuracy
+from workflows.studies.accuracy_cases import CASES, ZONES, BodyCase, SheetCase
+from workflows.studies.bench_accuracy import accuracy
 
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
     out = tmp_path_factory.mktemp("accuracy")
-    case = Case((5, 4), "stretch", 1e-8)
+    case = SheetCase((5, 4), "stretch", 1e-8)
     plain = {"element": "trilinear", "edges": False}
     return out, {edges: accuracy(out, cases=[case], options={} if edges else plain) for edges in (False, True)}
 
@@ -45,9 +46,21 @@ def test_full_tensegrities_are_kept(bench, is_png):
 
 
 def test_the_family_has_many_shapes():
-    assert len({case.name for case in CASES}) == len(CASES) >= 9
-    assert {case.load for case in CASES} == {"stretch", "shear"}
-    assert np.ptp([np.log10(case.bar_force) for case in CASES]) > 1.3
+    assert len({case.name for case in CASES}) == len(CASES) >= 12
+    sheets = [case for case in CASES if isinstance(case, SheetCase)]
+    assert {case.load for case in sheets} == {"stretch", "shear"}
+    assert np.ptp([np.log10(case.bar_force) for case in sheets]) > 1.3
+    assert {case.symbol for case in CASES if isinstance(case, BodyCase)} == {"p", "q"}
+
+
+def test_a_body(tmp_path):
+    """A small spheroid has no clamp; what its zones hold is all of it."""
+    load = (("side", "surface"), ("pressure", 5.0))
+    case = BodyCase("ball", "p", (("spheroid", 1.5),), 1e-8, (load,))
+    errors = {row["zone"]: row["error"] for row in accuracy(tmp_path, cases=[case], parts=False)["rows"]}
+    assert errors["rows"] is None
+    assert errors["inner"] is None  # every block of it has an outer face
+    assert errors["all"] == errors["columns"] < 0.1
 
 
 def test_bad_cases_are_one_line(tsgdd, tmp_path):

@@ -23,7 +23,7 @@ def command(
     parts: Annotated[bool, typer.Option("--parts/--no-parts", help="Take errors apart by FE2 and a fine mesh.")] = True,
     plots: Plots = True,
 ) -> None:
-    """Error of default answers on a family of sheets against the full tensegrity, and what it is made of."""
+    """Error of default answers on a family of scenes against the full tensegrity, and what it is made of."""
     check_alone("bench accuracy")
     from tsg_micro.data.errors import InputError
     from workflows.studies.bench_accuracy import CASES, ZONES, accuracy
