@@ -28,6 +28,8 @@ from dd_macro.scene.spaces import StrainOperator
 __all__ = ["MechanicalState", "Projection", "relative_distance"]
 
 Array = NDArray[np.float64]
+_LEAST = 1e-5
+"""A strain whose stress is the least that out-of-balance forces relate to: 1e-10 of it is round-off of the modulus."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,8 @@ class Projection:
         self.problem, self.operator, self.metric = problem, operator, metric
         self._prescribed_strain = operator.strain(problem.prescribed)
         self._modulus = operator.modulus(metric.C)
+        areas = float(total(operator.comm, (operator.weights ** (4 / 3)).sum()))
+        self._least = _LEAST * float(np.abs(metric.C).max()) * float(np.sqrt(areas))
         self.solver = self._linear.name
 
     @cached_property
@@ -134,7 +138,7 @@ class Projection:
 
     def residual(self, stress: Array, u: Array | None = None) -> float:
         """:meth:`dd_macro.Problem.residual` of the stress of the equations, and the unknowns u."""
-        return self.problem.residual(stress, u)
+        return self.problem.residual(stress, u, floor=self._least)
 
     def reaction(self, z: MechanicalState, side: str) -> Array:
         """Force (3,) in N that the supports of ``side`` exert on the body.

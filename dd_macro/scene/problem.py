@@ -118,12 +118,15 @@ class Problem:
         """
         return self.operator.force(stress) - (self.forces if u is None else self.forces_at(u))
 
-    def residual(self, stress: Array, u: Array | None = None) -> float:
-        """Norm of :meth:`out_of_balance` on the free components, relative to that of all nodal forces."""
+    def residual(self, stress: Array, u: Array | None = None, *, floor: float = 0.0) -> float:
+        """Norm of :meth:`out_of_balance` on the free components, relative to that of all nodal forces.
+
+        It relates to ``floor`` (N) at least: a body that is unloaded has no forces but round-off.
+        """
         force, loads = self.operator.force(stress), self.forces if u is None else self.forces_at(u)
         out = np.where(self.fixed, 0.0, force - loads)
         squares = total(self.operator.comm, [out @ out, force @ force + loads @ loads])
-        return float(np.sqrt(squares[0] / squares[1])) if squares[1] != 0 else 0.0
+        return float(np.sqrt(squares[0] / (squares[1] + floor**2))) if squares[1] != 0 else 0.0
 
     def support_force(self, side: str | tuple[str, ...], out_of_balance: Array) -> Array:
         """Force (3,) in N that the supports of ``side`` exert on the body.

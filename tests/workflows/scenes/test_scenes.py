@@ -413,3 +413,22 @@ def test_1_2_and_3_ranks(mpirun, program, tmp_path, read_summary):
         assert other["volume_change"] == pytest.approx(summary["volume_change"], rel=1e-8)
         np.testing.assert_allclose(read.coordinates, fields.coordinates, atol=1e-12)
         np.testing.assert_allclose(read.mechanical_stress, fields.mechanical_stress, atol=1e-8 * size, rtol=0)
+
+
+@pytest.mark.parametrize("kinematics", ["small", "finite"])
+def test_a_body_that_is_unloaded_is_at_rest(tmp_path, kinematics):
+    """Loaded and unloaded, between planes of symmetry: the last step leaves nothing but round-off."""
+    planes = [{"side": side, "fix": "normal"} for side in ("left", "bottom", "back")]
+    model = scene_of(
+        {
+            "body": {"blocks": [2, 2, 2]},
+            "tissue": {"one": {"bar_force": 1e-8}},
+            "support": planes,
+            "load": [{"side": "right", "pressure": 20.0}],
+            "solve": {"kinematics": kinematics, "steps": [1.0, 0.5, 0.0]},
+        }
+    )
+    found = solve_scene(tmp_path / "out", model, plots=False)
+    whole, half, none = found["volume_change_steps"]
+    assert whole < half < -1e-3
+    assert abs(none) < 1e-9
