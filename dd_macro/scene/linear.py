@@ -40,8 +40,6 @@ class LinearSolver:
         prefix: of its PETSc options.
         definite: K is positive definite, so Cholesky will do; if not, a factorisation is LDL^T (MUMPS).
 
-    ``name`` says what is used.
-
     Raises:
         ConvergenceError: the factorisation fails.
     """
@@ -79,9 +77,13 @@ class LinearSolver:
             self._ksp.getPC().setFactorSetUpSolverType()
             self._ksp.getPC().getFactorMatrix().setMumpsIcntl(13, 1)  # count the pivots of the root front too
         self.update()
+
+    @property
+    def name(self) -> str:
+        """What is used."""
         ksp, pc = self._ksp, self._ksp.getPC()
         factor = pc.getFactorSolverType() if pc.getType() in ("cholesky", "lu") else None
-        self.name = f"{ksp.getType()} + {pc.getType()}" + (f" ({factor})" if factor else "")
+        return f"{ksp.getType()} + {pc.getType()}" + (f" ({factor})" if factor else "")
 
     def update(self, *, keep: bool = False) -> None:
         """Take over the values that K was newly assembled with.

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Solve = Callable[[Array], Array]
 SHIFT = 1e-8
 """s over the mean of K's diagonal."""
-_CORRECTIONS, _SMALL = 30, 1e-10
+_CORRECTIONS, _SMALL, _FELT = 30, 1e-10, 1e-6
 
 
 class HeldMean:
@@ -40,8 +40,14 @@ class HeldMean:
 
     def __init__(self, comm: MPI.Comm, motions: Array, *, solve: Solve, product: Solve, shift: float) -> None:
         self._comm, self._R, self._solve, self._product, self._shift = comm, motions, solve, product, shift
-        self._Y = np.array([solve(mode) for mode in motions])
+        self._Y = np.array([self._lever(mode) for mode in motions])
         self._inverse = np.linalg.inv(total(comm, motions @ self._Y.T))
+
+    def _lever(self, mode: Array) -> Array:
+        """(K + s 1)^-1 of a motion: that over s at rest, where K does not feel it."""
+        y = mode / self._shift
+        left = mode - self._product(y)
+        return y if self._norm(left) <= _FELT else y + self._solve(left)
 
     def solve(self, b: Array) -> Array:
         """x (n,) of the right side b (n,).
@@ -50,7 +56,7 @@ class HeldMean:
             ConvergenceError: the corrections do not take the shift out: K is singular otherwise too.
         """
         size = self._norm(b)
-        x, left = np.zeros_like(b), b
+        x, left = np.zeros_like(b), b - self._R.T @ total(self._comm, self._R @ b)
         for _ in range(_CORRECTIONS):
             step = self._solve(left)
             x = x + step - self._Y.T @ (self._inverse @ total(self._comm, self._R @ step))

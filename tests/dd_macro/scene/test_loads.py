@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from petsc4py import PETSc
 
 import dd_macro as dd
 from dd_macro.parallel import total
@@ -180,3 +181,22 @@ def test_values_that_are_no_traction(comm):
         dd.BodyForce((1.0, 0.0, 0.0), region="core").nodal_forces(operator)
     with pytest.raises(InputError, match="pressure on 'top'"):
         dd.Pressure("top", np.nan)
+
+
+def test_a_free_body_by_iterations(comm):
+    """Conjugate gradients find what a factorisation finds, although K is singular."""
+    options = {"dd_ksp_type": "cg", "dd_pc_type": "gamg"}
+    operator = dd.StrainOperator(bent(comm))
+    problem = dd.Problem(operator, [], pressures(operator.domain), free=True)
+    metric = dd.isotropic(young=1e3, poisson=0.3)
+    exact = dd.Projection.of(problem, metric).elastic()
+    database = PETSc.Options()
+    for name, value in options.items():
+        database[name] = value
+    try:
+        projection = dd.Projection.of(problem, metric)
+    finally:
+        for name in options:
+            database.delValue(name)
+    assert projection.solver == "cg + gamg"
+    np.testing.assert_allclose(projection.elastic().stress, exact.stress, atol=1e-6)
