@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import signal
@@ -36,6 +37,8 @@ from workflows.store.record import read_summary, summary_path, versions, write_s
 __all__ = ["Plan", "sample"]
 
 _worker: dict[str, Any] = {}
+_AT_ONCE = 64
+"""Paths of each process that are asked for at once."""
 _PER_PATH, _PER_POINT, _PER_BLOCK = 2e3, 1.5e3, 3e5
 """Bytes, roughly: a path on its way, a point with its tangent (twice, as it is joined), a block of an RVE."""
 
@@ -249,15 +252,27 @@ def _in_processes(processes: int, plan: Plan, left: list[int], kept: KeptPaths, 
     pool = ProcessPoolExecutor(processes, get_context("spawn"), initializer=_start_worker, initargs=(plan,))
     with pool:
         try:
-            futures = [pool.submit(_work, plan, path) for path in left]
-            for future in as_completed(futures):
-                kept.add(future.result())
-                advance()
+            for some in itertools.batched(left, _AT_ONCE * processes):  # few are there to cancel
+                with _deaf():
+                    futures = [pool.submit(_work, plan, path) for path in some]
+                for future in as_completed(futures):
+                    kept.add(future.result())
+                    advance()
         except BrokenProcessPool:
             raise ChildProcessError("sample: a worker process was ended from outside, or for lack of memory") from None
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Ctrl-C waits while processes are started, which inherit that they do not hear it from their first moment on."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _start_worker(plan: Plan) -> None:
