@@ -9,7 +9,6 @@ length is taken from the member law at two of them.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -64,7 +63,7 @@ class GradedSource:
     ) -> None:
         one = RVESource(spec, comm=comm, parameters=parameters, versions=versions)
         self.spec, self.comm, self.versions = one.spec, one.comm, one.versions
-        self.parameters = one.parameters | {"graded": True, "bar_force": None, "cell": asdict(spec.tissue.cell)}
+        self.parameters = one.parameters | {"graded": True, "bar_force": None}
         self.calls = 0
 
     def states(self, strains: Array, origins: Array, bar_forces: Array | None = None) -> Dataset | None:
@@ -102,7 +101,7 @@ class GradedSource:
 
     def _reach(self, strain: Array, origin: Array, bar_force: float) -> tuple[WarmStates, Array] | None:
         """The state at a strain, or at one on the way there from ``origin``, and its rate by the bar force."""
-        spec = replace(self.spec, tissue=self.spec.with_bar_force(bar_force).tissue)
+        spec = self.spec.with_bar_force(bar_force)
         rve = spec.build()
         warm = WarmRVE(rve)
         for part in 0.5 ** np.arange(_SHORTER):

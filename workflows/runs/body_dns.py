@@ -174,8 +174,7 @@ def _figures(
     structure, choice, done, members = scene.body.structure, body.solver.newton.choice, state.done, body.members
     support, mean_force = body.forces_of_supports(), float(np.abs(members.force).mean())
     loose = np.where(body.loads.fixed, 0.0, support)
-    held = list(dict.fromkeys(one.side for one in supports))
-    reactions = {_name(side): support[scene.nodes(side)].sum(axis=0).tolist() for side in held}
+    reactions = {one.name: support[scene.nodes(one.side)].sum(axis=0).tolist() for one in supports}
     moved = {side: body.displacement[scene.nodes(side)].mean(axis=0).tolist() for side in scene.sides}
     figures: dict[str, tuple[Any, str]] = {
         "blocks": (len(structure.blocks), ""),
@@ -207,11 +206,6 @@ def _figures(
     for name in ("residual", "iterations", "factorisations", "negative_pivots", "most_negative_pivots", "seconds"):
         figures[f"step_{name}"] = ([getattr(step, name) for step in done], units.get(name, ""))
     return figures
-
-
-def _name(side: str | tuple[str, ...]) -> str:
-    """A side, or where several meet."""
-    return side if isinstance(side, str) else " and ".join(side)
 
 
 def _radial(scene: VoxelScene, body: LoadedBody, fields: BlockFields) -> dict[str, tuple[Any, str]]:
