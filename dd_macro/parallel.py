@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from tsg_micro.data.errors import InputError, OutputError
 from tsg_micro.data.files import atomic_path, reserve
 
-__all__ = ["atomic_path_of_all", "check_everywhere", "in_turn", "one_thread", "together", "total"]
+__all__ = ["atomic_path_of_all", "check_everywhere", "in_turn", "one_thread", "span", "together", "total"]
 
 one_thread = threadpool_limits.wrap(limits=1)
 """Decorator: BLAS with one thread. The blocks of a sheet are small, and threads slow them down; work is for ranks."""
@@ -27,6 +27,13 @@ def total(comm: MPI.Comm, value: ArrayLike) -> NDArray[np.float64]:
     summed = np.empty_like(local)
     comm.Allreduce(local, summed)
     return summed
+
+
+def span(comm: MPI.Comm, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Least and largest of ``values`` (n, ...) along their first axis on all ranks, some of which may have none."""
+    ends = np.stack([-values.min(axis=0, initial=np.inf), values.max(axis=0, initial=-np.inf)])
+    comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+    return -ends[0], ends[1]
 
 
 def check_everywhere(comm: MPI.Comm, problem: str | InputError | None) -> None:

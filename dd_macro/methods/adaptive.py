@@ -33,7 +33,7 @@ from dd_macro.methods.projection import MechanicalState, Projection, relative_di
 from dd_macro.methods.second_order import SecondOrderOptions, SecondOrderResult, iterate
 from dd_macro.methods.second_order_steps import StepRecord
 from dd_macro.methods.theory import local_tangent_step, project
-from dd_macro.parallel import one_thread, total
+from dd_macro.parallel import one_thread, span, total
 from dd_macro.scene.problem import Problem
 from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import InputError
@@ -309,9 +309,7 @@ def _spread(comm: MPI.Comm, forces: Array | None) -> Array | None:
     """The least, the middle and the largest of bar forces (n,) of all ranks; collective where there are some."""
     if forces is None:
         return None
-    ends = np.array([-forces.min(initial=np.inf), forces.max(initial=-np.inf)])
-    comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
-    low, high = -ends[0], ends[1]
+    low, high = span(comm, forces)
     return np.unique([low, np.sqrt(low * high), high])
 
 

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dd_macro.parallel import total
+from dd_macro.parallel import span, total
 from dd_macro.scene.problem import Problem
 from dd_macro.scene.rigid import SHIFT, HeldMean
 from dd_macro.scene.spaces import Stiffness, StrainOperator
@@ -225,12 +225,7 @@ def factor_memory(operator: StrainOperator) -> float:
     block 21 N^(1/3) (METIS, sheets and blocks of 2000 to 175,000 unknowns: it had 3 to 44 % less).
     """
     comm, x, N = operator.comm, operator.node_coordinates(), operator.global_dofs
-    low, high = (
-        np.array([np.min(c, initial=np.inf) for c in x.T]),
-        np.array([np.max(c, initial=-np.inf) for c in x.T]),
-    )
-    comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
-    comm.Allreduce(MPI.IN_PLACE, high, MPI.MAX)
+    low, high = span(comm, x)
     spacing = (float(total(comm, operator.weights.sum())) / (N / 3)) ** (1 / 3)
     thick = 1.0 + (high - low).min() / spacing
     return _ENTRY * N * min(21.0 * N ** (1 / 3), 11.5 * np.sqrt(thick) * np.log2(N))

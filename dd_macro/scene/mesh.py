@@ -12,7 +12,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from dd_macro import compat
-from dd_macro.parallel import check_everywhere, total
+from dd_macro.parallel import check_everywhere, span, total
 from dd_macro.scene.hexahedra import Hexahedra, hexahedra
 from dd_macro.scene.msh import read_msh_file
 from tsg_micro.data.errors import InputError
@@ -82,12 +82,11 @@ class TaggedMesh:
         facets = self.facets(name)
         facets = facets[facets < self.mesh.topology.index_map(2).size_local]
         x = self.mesh.geometry.x[dolfinx.mesh.entities_to_geometry(self.mesh, 2, facets).reshape(-1)]
-        ends = np.stack([-x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)])
-        self.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+        low, high = span(self.comm, x)
         count, *mean = total(self.comm, [len(x), *x.sum(axis=0)])
         if count == 0:
             raise InputError(f"side of the mesh: expected facets on {name!r}, got none")
-        return -ends[0], ends[1], np.array(mean) / count
+        return low, high, np.array(mean) / count
 
 
 def box(comm: MPI.Comm, *, elements: tuple[int, int, int], size: tuple[float, float, float]) -> TaggedMesh:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from dd_macro.parallel import together
+from dd_macro.parallel import span, together
 from tsg_micro.continuum.graded_source import GradedSource
 from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.continuum.sampling import BOXES, strain_path
@@ -90,7 +90,5 @@ def _number(built: Built, name: str | None) -> int:
 
 def _range(built: Built, number: int) -> tuple[float, float]:
     """Least and largest bar force of the tissue in the body, N; collective."""
-    own = built.bar_force[built.cell_tissue == number]
-    ends = np.array([-own.min(initial=np.inf), own.max(initial=-np.inf)])
-    built.domain.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
-    return float(-ends[0]), float(ends[1])
+    low, high = span(built.domain.comm, built.bar_force[built.cell_tissue == number])
+    return float(low), float(high)

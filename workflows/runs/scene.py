@@ -13,21 +13,19 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 import dd_macro as dd
+from dd_macro.parallel import span
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.rve_spec import KINDS, RVESpec
 from tsg_micro.data.dataset import Dataset, read_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import from_mandel
 from workflows.runs.loads import LOADS, check_load, check_reach
+from workflows.scenes.bodies import MOST_BLOCKS, PER_ELEMENT
 from workflows.store.limits import check_memory
 
 __all__ = ["CLAMPS", "ELEMENTS", "KINEMATICS", "OLDER", "Scene", "read_material", "tissue_of"]
 
 KINEMATICS = tuple(dd.THEORIES)
-_PER_ELEMENT = 15e3
-"""Bytes that an element of degree 1 takes at least: its points, their operator, and its part of the matrix."""
-MOST_BLOCKS = 1e5
-"""Across a body; one of more, or of less than one, is most often in another unit."""
 CLAMPS = ("full", "inplane")
 ELEMENTS = ("enhanced", "trilinear")
 """Of degree 1: the first one is the default."""
@@ -96,7 +94,7 @@ class Scene:
             return dd.read_msh(self.mesh, comm, unit=self.mesh_unit, size=size, merge_nodes=self.merge_nodes)
         assert self.elements is not None
         if min(self.elements) > 0:
-            needed = _PER_ELEMENT * (self.refine * self.degree) ** 3 * math.prod(self.elements)
+            needed = PER_ELEMENT * (self.refine * self.degree) ** 3 * math.prod(self.elements)
             dd.parallel.together(comm, lambda: check_memory(f"elements: {math.prod(self.elements or ())}", needed))
         elements: Any = tuple(self.refine * n for n in self.elements)
         lengths: Any = tuple(block * n for n in self.elements)
@@ -199,9 +197,8 @@ def _check_place(domain: dd.TaggedMesh, side: str, low: float, high: float) -> N
 
 def _extent(domain: dd.TaggedMesh, axis: int) -> tuple[float, float]:
     """Least and largest coordinate of the mesh along ``axis``, m; collective."""
-    x = domain.mesh.geometry.x[:, axis]  # none on a rank without cells
-    low = domain.comm.allreduce(float(np.min(x, initial=np.inf)), MPI.MIN)
-    return low, domain.comm.allreduce(float(np.max(x, initial=-np.inf)), MPI.MAX)
+    low, high = span(domain.comm, domain.mesh.geometry.x[:, axis])
+    return float(low), float(high)
 
 
 def read_material(data: Path, scene: Scene, stress_measure: str | None = None) -> Dataset:

@@ -11,18 +11,18 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 import dd_macro as dd
-from dd_macro.parallel import total
+from dd_macro.parallel import span, total
 from tsg_micro.cells.lattice import box_cells, spheroid_cells
 from tsg_micro.data.errors import InputError
 from workflows.scenes.model import Body, SceneModel
 from workflows.store.limits import check_memory
 
-__all__ = ["extent", "make_body", "tissue_of_cells"]
+__all__ = ["MOST_BLOCKS", "PER_ELEMENT", "extent", "make_body", "tissue_of_cells"]
 
 MOST_BLOCKS = 1e5
 """Across a body; one of more, or of less than one, is most often in another unit."""
-_PER_ELEMENT = 15e3
-"""Bytes that an element takes at least."""
+PER_ELEMENT = 15e3
+"""Bytes that an element of degree 1 takes at least: its points, their operator, and its part of the matrix."""
 
 
 def make_body(comm: MPI.Comm, body: Body, block: float) -> dd.TaggedMesh:
@@ -54,7 +54,7 @@ def make_body(comm: MPI.Comm, body: Body, block: float) -> dd.TaggedMesh:
 
 
 def _check(comm: MPI.Comm, name: str, elements: float) -> None:
-    dd.parallel.together(comm, lambda: check_memory(f"body.{name}: {elements:.0f} elements", _PER_ELEMENT * elements))
+    dd.parallel.together(comm, lambda: check_memory(f"body.{name}: {elements:.0f} elements", PER_ELEMENT * elements))
 
 
 def _counts(body: Body, block: float) -> tuple[int, int, int]:
@@ -72,10 +72,7 @@ def _counts(body: Body, block: float) -> tuple[int, int, int]:
 
 def extent(domain: dd.TaggedMesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Least and largest coordinates (3,) of the mesh, m; collective."""
-    x = domain.mesh.geometry.x
-    ends = np.stack([-x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)])
-    domain.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
-    return -ends[0], ends[1]
+    return span(domain.comm, domain.mesh.geometry.x)
 
 
 def tissue_of_cells(domain: dd.TaggedMesh, scene: SceneModel) -> NDArray[np.int64]:
