@@ -125,7 +125,7 @@ def draw_body(out: Path, solutions: Mapping[str, Array], blocks: Dataset, titles
         b = invariant(blocks.stress)
         mean_square = float(np.sqrt((b**2).mean())) or 1.0
         size = 100.0 * np.abs(invariant(solutions[first]) - b) / mean_square
-        errors[f"error of ${symbol}$, {titles[first]}"] = (size, f"% of the root mean square of ${symbol}$")
+        errors[f"error of ${symbol}$, {titles[first]}"] = (size, "% of r.m.s.")
     save_figure(plot_slices(slices, errors, cmap="magma"), out / "errors.png")
     radial = _Shells.of(midpoint, edge)
     if radial is not None:
