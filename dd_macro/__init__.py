@@ -44,6 +44,7 @@ from dd_macro.scene.regions import INSIDE, Place, Regions, edge_regions
 from dd_macro.scene.spaces import GradientOperator, StrainOperator, TangentMatrix
 from dd_macro.scene.voxel_grid import VoxelGrid, voxel_grid
 from dd_macro.scene.voxels import voxel_mesh
+from tsg_micro.data.version import VERSION as __version__
 
 __all__ = [
     "CHECKS",
@@ -108,6 +109,7 @@ __all__ = [
     "Traction",
     "VoxelGrid",
     "Watch",
+    "__version__",
     "biot_dataset",
     "block_means",
     "body_errors",

@@ -43,6 +43,7 @@ from tsg_micro.data.dataset import (
 )
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.mandel import from_mandel, pressure, to_mandel, von_mises
+from tsg_micro.data.version import VERSION as __version__
 from tsg_micro.equilibrium.load_path import Equilibrium, EquilibriumSolver
 from tsg_micro.equilibrium.newton import NewtonOptions
 
@@ -76,6 +77,7 @@ __all__ = [
     "Tissue",
     "UnitCell",
     "VoxelLoads",
+    "__version__",
     "append_dataset",
     "block_fields",
     "box_cells",

@@ -43,10 +43,26 @@ __all__ = ["app", "main"]
 app = typer.Typer(
     help="Multiscale cell mechanics: tensegrity cells, RVE data, data-driven finite elements. SI units throughout.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib import metadata
+
+        print(f"tsgdd {metadata.version('tsgdd')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _tsgdd(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    pass
 
 
 @app.command()

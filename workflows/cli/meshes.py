@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workflows.runs.options import Plots, report, say
+from workflows.runs.options import Plots, out_option, report, say
 from workflows.runs.ranks import check_alone
 
 __all__ = ["mesh"]
@@ -23,7 +23,7 @@ def _group() -> None:
 @mesh.command()
 def voxels(
     *,
-    out: Annotated[Path, typer.Option(help="Mesh to write, FILE.msh; picture and summary go beside it.")],
+    out: Annotated[Path, out_option("Mesh to write, FILE.msh; picture and summary go beside it.")],
     size: Annotated[str, typer.Option(help="Edge of a voxel, as 20um; a plain number is in m.")],
     surface: Annotated[Path | None, typer.Option(help="Closed surface, STL, PLY or OBJ.")] = None,
     unit: Annotated[str | None, typer.Option(help="Of the surface's coordinates: m, mm, um or nm.")] = None,

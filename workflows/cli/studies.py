@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from workflows.runs.options import grouped, say
+from workflows.runs.options import grouped, out_option, say
 from workflows.runs.ranks import check_alone
 from workflows.studies import commands
 from workflows.studies.options import ChainOptions
@@ -31,7 +31,7 @@ def find_studies() -> tuple[typer.Typer, typer.Typer]:
 @grouped
 def paper(
     *,
-    out: Annotated[Path, typer.Option("--out", help="Folder of all stages and of report.md.")] = Path("results/paper"),
+    out: Annotated[Path, out_option("Folder of all stages and of report.md.")] = Path("results/paper"),
     chain: ChainOptions,
     largest: Annotated[int, typer.Option(help="Largest RVE of the size study, in blocks.")] = 6,
     sizes: Annotated[int, typer.Option(help="Numbers of data of the data-size study.")] = 16,

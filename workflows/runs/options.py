@@ -54,6 +54,7 @@ __all__ = [
     "TissueOptions",
     "WantedTissueOptions",
     "grouped",
+    "out_option",
     "report",
     "report_sides",
     "say",
@@ -120,10 +121,24 @@ class Images(StrEnum):
     duplicated = "duplicated"
 
 
+def _path(text: str | Path) -> Path:
+    """A path that names something; an empty one, as of a variable that is not set, would be the present folder."""
+    if not str(text).strip():
+        raise typer.BadParameter("expected a path, got an empty one")
+    return Path(text)
+
+
 SceneFile = Annotated[Path | None, typer.Argument(help="Scene file, TOML; all of the scene is in it then.")]
-Out = Annotated[Path, typer.Option("--out", help="Output folder.")]
-OutOrDefault = Annotated[Path | None, typer.Option("--out", help="Output folder; one in results if not given.")]
-OutFile = Annotated[Path, typer.Option("--out", help="Output file, .h5.")]
+
+
+def out_option(help: str) -> Any:  # noqa: A002
+    """The option --out, where results go."""
+    return typer.Option("--out", parser=_path, metavar="<path>", help=help)
+
+
+Out = Annotated[Path, out_option("Output folder.")]
+OutOrDefault = Annotated[Path | None, out_option("Output folder; one in results if not given.")]
+OutFile = Annotated[Path, out_option("Output file, .h5.")]
 BarForce = Annotated[float, typer.Option(help="Compression of the bars at rest, f_b, in N.")]
 HowLoaded = Annotated[Load, typer.Option(help="How the top side moves.")]
 Strain = Annotated[float, typer.Option(help="Displacement of the top side over the height of the sheet.")]

@@ -18,6 +18,7 @@ import numpy as np
 
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import atomic_path, check_regular
+from tsg_micro.data.version import VERSION
 
 __all__ = [
     "drop_summary",
@@ -36,7 +37,7 @@ _PACKAGES = ("numpy", "scipy", "h5py", "fenics-dolfinx", "dolfinx-solver-real", 
 
 def versions() -> dict[str, str]:
     """Versions of this software, of Python and of the packages that decide the numbers."""
-    found = {"tsgdd": importlib.metadata.version("tsgdd"), "python": platform.python_version()}
+    found = {"tsgdd": VERSION, "python": platform.python_version()}
     for name in _PACKAGES:
         try:
             found[name] = importlib.metadata.version(name)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workflows.runs.options import Kinematics, KinematicsName, Plots, say
+from workflows.runs.options import Kinematics, KinematicsName, Out, Plots, say
 from workflows.runs.ranks import check_alone
 
 __all__ = ["command"]
@@ -15,7 +15,7 @@ __all__ = ["command"]
 
 def command(
     *,
-    out: Annotated[Path, typer.Option("--out", help="Output folder.")] = Path("results/accuracy"),
+    out: Out = Path("results/accuracy"),
     case: Annotated[
         list[int] | None, typer.Option(help="Number of a case, from 1; repeat for several. Else all.")
     ] = None,

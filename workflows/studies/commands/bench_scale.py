@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workflows.runs.options import Plots, say
+from workflows.runs.options import Out, Plots, say
 from workflows.runs.ranks import check_alone
 
 __all__ = ["command"]
@@ -15,7 +15,7 @@ __all__ = ["command"]
 
 def command(
     *,
-    out: Annotated[Path, typer.Option("--out", help="Output folder.")] = Path("results/scale"),
+    out: Out = Path("results/scale"),
     size: Annotated[
         list[int] | None, typer.Option(help="Elements across the height; repeat for several. Else 15 to 120.")
     ] = None,

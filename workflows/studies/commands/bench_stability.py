@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workflows.runs.options import Plots, report, say
+from workflows.runs.options import Out, Plots, report, say
 from workflows.runs.ranks import check_alone
 
 __all__ = ["command"]
@@ -15,7 +15,7 @@ __all__ = ["command"]
 
 def command(
     *,
-    out: Annotated[Path, typer.Option("--out", help="Output folder.")] = Path("results/stability"),
+    out: Out = Path("results/stability"),
     micro: Annotated[int, typer.Option(help="Cases of one cell and of each of three RVEs.")] = 300,
     sheets: Annotated[int, typer.Option(help="Cases of each of two clamped sheets.")] = 60,
     macro: Annotated[int, typer.Option(help="Macroscopic cases with points and with tangents, each.")] = 200,
