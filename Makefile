@@ -1,7 +1,7 @@
 # The Python environment is .venv; PYTHON=... chooses what it is made with.
 bin := .venv/bin
 
-.PHONY: help demo test lint clean distclean test-debian compiler
+.PHONY: help demo test docs lint clean distclean test-debian compiler
 
 help: ## list these targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1 - \2/p' Makefile
@@ -13,6 +13,9 @@ test: compiler .venv/.stamp ## all tests, a process a core, then those marked mp
 	$(bin)/python -m pytest --numprocesses auto --dist loadfile $(ARGS)
 	PATH="$(CURDIR)/$(bin):$$PATH" OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 mpirun -n 2 $(bin)/python -m pytest -m mpi $(ARGS)
 
+docs: compiler .venv/.docs ## these pages, tutorials run, into docs/_build/html; warnings are errors
+	$(bin)/python -m sphinx --fail-on-warning --keep-going --quiet -b html docs docs/_build/html
+
 lint: .venv/.stamp ## ruff and mypy
 	$(bin)/ruff check
 	$(bin)/ruff format --check
@@ -22,7 +25,7 @@ test-debian: ## the tests on Debian 13's python3-dolfinx, in a tree by debootstr
 	@.ci/test-debian $(ARGS)
 
 clean: ## remove results and caches
-	rm -rf results dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf results dist docs/_build docs/gallery docs/generated .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -not -path './.venv/*' -not -path './.debian/*' -prune -exec rm -rf {} +
 
 distclean: clean ## remove .venv too
@@ -35,4 +38,9 @@ compiler:
 	@$(bin)/python -c '' 2>/dev/null || { python=$$(.ci/find-python) && "$$python" -m venv --clear .venv; }
 	@echo "Installing tsgdd and its dependencies into .venv (about a minute; 2.4 GB) ..."
 	@$(bin)/python -m pip install --quiet --disable-pip-version-check --editable '.[all]'
+	@touch $@
+
+.venv/.docs: .venv/.stamp
+	@echo "Installing Sphinx into .venv ..."
+	@$(bin)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	@touch $@
