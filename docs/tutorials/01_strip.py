@@ -35,8 +35,8 @@ traction = ["15 Pa", 0, 0]              # or displacement, pressure; body_force 
 """
 
 # %%
-# The method is adaptive if nothing is said: RVEs are computed where the strip's strains need them, and it ends with an
-# estimate of the error which the data leave.
+# The method is adaptive if nothing is said: RVEs are computed where the strip's strains need them, and it ends with
+# an estimate of the error which the data leave.
 
 out = Path(mkdtemp())
 found = solve_scene(out, scene_of(tomllib.loads(scene)), plots=False)
