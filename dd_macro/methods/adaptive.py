@@ -44,6 +44,8 @@ Array = NDArray[np.float64]
 _MOST_ROUNDS = 1000
 _LEFT = 0.9
 """Where a round hardly lowers the distance, the error is not more than nine times its change."""
+_LEAVE = 0.1
+"""Part of the out-of-balance force that a round may leave: it has to show which strains there are."""
 _HOLD_AFTER = 8
 """Points still between two data after so many searches of the last solve do not matter to the error."""
 
@@ -202,6 +204,7 @@ class _Rounds:
             metric = choose_metric(metric, self.problem, data.parts[0].all, order=2)
         self.projection = project(self.problem, metric)
         self._onto = local_tangent_step(StepRecord(self.projection, _MOST_ROUNDS, None))
+        self._onto.leave = _LEAVE
         self._given = prepared.material.each[0].dataset is not None
         self._points = [np.flatnonzero(self.problem.region_of_points == k) for k in range(len(data.parts))]
         self._away = np.inf
@@ -210,7 +213,6 @@ class _Rounds:
         size = _root_mean_square(self.problem.operator.comm, self.problem.operator.weights, metric, self.z.strain)
         self._forces = forces
         self._coordinates = [Coordinates(metric, None if own is None else size) for own in forces]
-        self.projection.rest()
         self.done: list[Round] = []
         self.reason = ""
 
@@ -251,7 +253,7 @@ class _Rounds:
 
     def finish(self, options: SecondOrderOptions) -> SecondOrderResult:
         """The problem solved to the end, with the matrix of the rounds."""
-        self._onto.record = StepRecord(self.projection, options.max_iterations, None)
+        self._onto.record, self._onto.leave = StepRecord(self.projection, options.max_iterations, None), 0.0
         return iterate(self._onto, self.search, self.z, options)
 
     def grow(self, known: Dataset) -> None:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from dd_macro.material.metric import Metric
 from dd_macro.methods.projection import MechanicalState
 from dd_macro.parallel import total
+from dd_macro.products import times
 from dd_macro.scene.linear import LinearSolver
 from dd_macro.scene.problem import Problem
 from tsg_micro.data.errors import ConvergenceError
@@ -26,6 +27,8 @@ from tsg_micro.data.errors import ConvergenceError
 __all__ = ["Correction", "correct"]
 
 Array = NDArray[np.float64]
+_CLOSE = 1e-4
+"""Residual of the linear solve, relative: the error is wanted to two digits."""
 
 
 @dataclass(frozen=True)
@@ -40,23 +43,37 @@ class Correction:
     linear: bool = True
 
 
-def correct(problem: Problem, z: MechanicalState, residual: Array, tangent: Array, metric: Metric) -> Correction:
-    """The correction of ``z`` for the ``residual`` (n, 6) and ``tangent`` (n, 6, 6) of the material, Pa; collective.
+def correct(
+    problem: Problem,
+    z: MechanicalState,
+    residual: Array,
+    tangents: Array,
+    own: NDArray[np.int64],
+    metric: Metric,
+    *,
+    older: LinearSolver | None = None,
+) -> Correction:
+    """The correction of ``z`` for the ``residual`` (n, 6) in Pa of the material; collective.
 
-    The solver has PETSc options with the prefix ``dd_check_``. Where the tangents give no matrix that can be solved, as
-    those of a tissue that lost its stability, the residual is taken for the change.
+    Of its ``tangents`` (k, 6, 6) in Pa each point has its ``own`` (n,). The solver has PETSc options with the prefix
+    ``dd_check_``; the factorisation of an ``older`` one of the same problem is used where that will do. Where the
+    tangents give no matrix that can be solved, as those of a tissue that lost its stability, the residual is taken for
+    the change.
     """
     op = problem.operator
     found, change = op.local(op.strain(z.u)), (np.zeros_like(z.strain), -residual)
     linear = True
     try:
-        moduli = found.nominal_tangent(z.stress - residual, tangent)
+        moduli: tuple[Array, NDArray[np.int64] | None] = tangents, own
+        if op.theory != "small":
+            moduli = found.nominal_tangent(z.stress - residual, tangents[own]), None
         matrix = op.stiffness()
-        problem.add_load_stiffness(z.u, matrix.assemble(0.5 * (moduli + moduli.swapaxes(1, 2))))
-        solver = LinearSolver(problem, matrix, prefix="dd_check_", definite=False)
-        du = solver.solve(-problem.out_of_balance(found.nominal_stress(z.stress - residual), z.u))
+        problem.add_load_stiffness(z.u, matrix.assemble(0.5 * (moduli[0] + moduli[0].swapaxes(1, 2)), moduli[1]))
+        solver = LinearSolver(problem, matrix, prefix="dd_check_", definite=False, older=older)
+        out = problem.out_of_balance(found.nominal_stress(z.stress - residual), z.u)
+        du = solver.solve(-out, within=_CLOSE)
         strain = op.local(op.strain(z.u + du)).strain - found.strain
-        change = strain, np.einsum("nij,nj->ni", tangent, strain) - residual
+        change = strain, times(tangents, own, strain) - residual
     except ConvergenceError:  # on all ranks alike
         linear = False
     lengths = [

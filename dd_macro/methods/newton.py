@@ -132,6 +132,7 @@ def equilibrium(
         iterations=len(scene.history),
         load_steps=load_steps,
         solver=scene.linear.name,
+        linear=scene.linear,
         history=tuple(scene.history),
         support=support,
     )

@@ -102,9 +102,10 @@ class Projection:
         """Matrix and factorisation; they take most of the memory."""
         return LinearSolver(self.problem, self.operator.stiffness(self.metric.C), prefix="dd_")
 
-    def rest(self) -> None:
-        """Free the memory of the factorisation, which is made anew where it is needed again; collective."""
-        self.__dict__.pop("_linear", None)
+    def give(self) -> LinearSolver | None:
+        """The solver, for near matrices to go on with; it is made anew where it is needed here again."""
+        solver: LinearSolver | None = self.__dict__.pop("_linear", None)
+        return solver
 
     def at(self, factor: float) -> Self:
         """The same with another part of the whole load; no new factorisation."""

@@ -170,7 +170,6 @@ def solve_second_order(
     z = start or projection.elastic()
     if method == "alternating":
         return iterate(AlternatingStep(record, options.tolerance), search, z, options)
-    projection.rest()
     return iterate(local_tangent_step(record), search, z, options)
 
 
@@ -220,7 +219,7 @@ def _iterate(step: Step, search: TangentSearch, z: MechanicalState, options: Sec
     reason = "state settled" if averaged else "no datum changed"
     if held:
         reason += f", {held} points held between data"
-    return _result(record, search, z, spaces, reason=reason, lookups=picks.lookups, held=held)
+    return _result(record, search, z, spaces, linear=step.linear, reason=reason, lookups=picks.lookups, held=held)
 
 
 def _between(a: MechanicalState, b: MechanicalState, part: float) -> MechanicalState:

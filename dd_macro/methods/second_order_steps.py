@@ -33,6 +33,7 @@ _log = logging.getLogger(__name__)
 
 _FORCING = 0.1  # part of the distance that alternating projections leave before the data are looked up again
 _BALANCE, _ROUGH = 1e-10, 1e-4  # out-of-balance force of a solution, and of one on the way, relative to all forces
+_INEXACT = 1e-3  # of Newton's direction, where an older factorisation finds it
 _CORRECTIONS = 50
 _HALVINGS = 8
 
@@ -79,11 +80,13 @@ class StepRecord:
 class Step(Protocol):
     """From state z to the state nearest to ``spaces``; ``changed`` data and ``search`` seconds are for the record.
 
-    ``exact``: it goes to within a thousandth of the way at least, all of it where ``final``.
+    ``exact``: it goes to within a thousandth of the way at least, all of it where ``final``. ``linear`` is the last
+    solver of local tangents.
     """
 
     exact: bool
     record: StepRecord
+    linear: LinearSolver | None
 
     def __call__(
         self, z: MechanicalState, spaces: TangentSpaces, *, changed: int, search: float, final: bool
@@ -102,6 +105,7 @@ class AlternatingStep:
 
     def __init__(self, record: StepRecord, tolerance: float) -> None:
         self.record, self.tolerance = record, tolerance
+        self.linear: LinearSolver | None = None
 
     def __call__(
         self, z: MechanicalState, spaces: TangentSpaces, *, changed: int, search: float, final: bool
@@ -138,15 +142,18 @@ class LocalTangentStep:
     """Equilibrium on the tangent spaces; PETSc options of the solver have the prefix ``dd_tangent_``.
 
     The matrix is symmetric: the skew part of tangents, as those of the Cauchy stress have, and the round-off go into
-    corrections that need no new factorisation.
+    corrections that need no new factorisation. The first one is that of the projection, as long as it will do.
     """
 
     exact = True
 
+    leave = 0.0
+    """Part of the out-of-balance force that a step on the way may leave; not less than is rough anyway."""
+
     def __init__(self, record: StepRecord) -> None:
         self.record = record
         self._matrix = record.projection.operator.stiffness()
-        self._linear: LinearSolver | None = None
+        self.linear: LinearSolver | None = None
         self._spaces: TangentSpaces | None = None
 
     def __call__(
@@ -157,21 +164,23 @@ class LocalTangentStep:
         scene, op = self.record.projection, self.record.projection.operator
         near = SpaceProjection(spaces, scene.metric).closest(z.strain, z.stress)
         distance = self.record.size(z.strain - near[0], z.stress - near[1])
-        if self._linear is None or op.comm.allreduce(spaces is not self._spaces, MPI.LOR):
+        if self.linear is None or op.comm.allreduce(spaces is not self._spaces, MPI.LOR):
             self._factorise(spaces.tangents, z.u, spaces.own)
             self._spaces = spaces
-        assert self._linear is not None
+        assert self.linear is not None
         u, strain, left, enough = z.u, z.strain, np.inf, _BALANCE if final else _ROUGH
         for correction in range(_CORRECTIONS):
             stress = spaces.stress_at(strain)
             residual = scene.residual(stress, u)
+            if correction == 0 and not final:
+                enough = max(_ROUGH, self.leave * residual)
             if correction > 0 and residual <= enough:
                 self.record.add(distance, changed, search, clock)
                 return MechanicalState(u, np.zeros_like(u), strain, stress)
             if correction > 1 and residual > left:
                 break
             left = residual
-            u = u + self._linear.solve(
+            u = u + self.linear.solve(
                 scene.problem.forces - op.force(stress), within=0.3 * enough / max(residual, enough)
             )
             strain = op.strain(u)
@@ -186,11 +195,13 @@ class LocalTangentStep:
         """
         problem = self.record.projection.problem
         problem.add_load_stiffness(u, self._matrix.assemble(0.5 * (tangent + tangent.swapaxes(1, 2)), own))
-        if self._linear is None:
-            self._linear = LinearSolver(problem, self._matrix, prefix="dd_tangent_", definite=False)
+        if self.linear is None:
+            self.linear = LinearSolver(
+                problem, self._matrix, prefix="dd_tangent_", definite=False, older=self.record.projection.give()
+            )
         else:
-            self._linear.update(keep=True)
-        return self._linear
+            self.linear.update(keep=True)
+        return self.linear
 
 
 class FiniteTangentStep(LocalTangentStep):
@@ -218,7 +229,8 @@ class FiniteTangentStep(LocalTangentStep):
             if final and residual <= _BALANCE:
                 return state
             linear = self._factorise(found.nominal_tangent(state.stress, spaces.tangent), state.u)
-            step = linear.solve(-scene.problem.out_of_balance(state.nominal_stress, state.u))
+            within = min(_INEXACT, max(residual, 0.3 * _BALANCE / max(residual, _BALANCE)))
+            step = linear.solve(-scene.problem.out_of_balance(state.nominal_stress, state.u), within=within)
             for part in 0.5 ** np.arange(_HALVINGS):
                 trial, found, out = self._on(spaces, state.u + part * step)
                 if out <= (1 - 1e-4 * part) * residual or out <= _BALANCE:

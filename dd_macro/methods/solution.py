@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dd_macro.material.metric import Metric
 from dd_macro.methods.projection import MechanicalState
 from dd_macro.parallel import total
+from dd_macro.scene.linear import LinearSolver
 from dd_macro.scene.problem import Problem
 from tsg_micro.data.dataset import Dataset
 
@@ -46,6 +47,8 @@ class Solution:
     support: Array | None = None
     """What clamps carry beside the stress at the points (n, 6), Pa; dd_macro.in_space adds it to both stresses."""
     dataset: Dataset | None = None
+    linear: LinearSolver | None = field(default=None, repr=False, compare=False)
+    """That of the last tangents, whose factorisation near matrices may go on with."""
 
     @property
     def note(self) -> str:

@@ -30,10 +30,11 @@ from dd_macro.material.estimated_tangents import estimate_tangents
 from dd_macro.material.metric import Metric, mean_tangent, secant_modulus
 from dd_macro.material.source import Source
 from dd_macro.methods.check_points import Drawn, Points, draw, shares
-from dd_macro.methods.correction import correct
+from dd_macro.methods.correction import Correction, correct
 from dd_macro.methods.second_order import SecondOrderResult
 from dd_macro.methods.solution import Solution
 from dd_macro.parallel import one_thread, total
+from dd_macro.products import times
 from tsg_micro.data.dataset import Dataset, convert_dataset
 from tsg_micro.data.errors import InputError
 
@@ -103,8 +104,7 @@ def check_by_source(
     squares = drawn.weight * (metric.whiten(np.zeros_like(residual), residual) ** 2).sum(axis=1)
     sampled, unanswered = (float(np.sqrt(squares[which].sum())) for which in (answered, ~answered))
     near = _nearest(answers.strain, drawn.region[answered], z.strain, region, metric)
-    field, tangent = _residual(answers, near, solution)
-    found = correct(problem, z, field, tangent, metric)
+    found = _corrected(answers, near, solution, metric)
     ratio = sampled / found.residual if found.residual > 0 else 0.0
     off = np.zeros_like(residual)
     off[answered] = drawn.support[answered] - (0.0 if answers.support is None else answers.support)
@@ -130,8 +130,7 @@ def check_by_data(solution: Solution) -> ErrorEstimate:
         data = estimate_tangents(data, neighbours=min(len(data) - 1, _NEIGHBOURS))
     metric = solution.metric or _metric_of(data, np.ones(len(data)))
     near = _other(data, z.strain, solution.index if own else None, metric)
-    field, tangent = _residual(data, near, solution)
-    found = correct(problem, z, field, tangent, metric)
+    found = _corrected(data, near, solution, metric)
     error = found.change / found.state if found.state > 0 else 0.0
     points = int(total(problem.operator.comm, len(near)))
     return ErrorEstimate(error, kind, points, 0, time.perf_counter() - begin)
@@ -222,9 +221,9 @@ def _other(data: Dataset, strain: Array, own: Index | None, metric: Metric) -> I
     return np.asarray(first[place], dtype=np.int64)
 
 
-def _residual(data: Dataset, near: Index, solution: Solution) -> tuple[Array, Array]:
-    """Residual (n, 6) and tangent (n, 6, 6), Pa, of the solution against the tangent spaces of these data (n,)."""
+def _corrected(data: Dataset, near: Index, solution: Solution, metric: Metric) -> Correction:
+    """The correction of the solution for its residual against the tangent spaces of these data (n,)."""
     assert data.tangent is not None
-    z, tangent = solution.mechanical, data.tangent[near]
-    stress = data.stress[near] + np.einsum("nij,nj->ni", tangent, z.strain - data.strain[near])
-    return z.stress - stress, tangent
+    z = solution.mechanical
+    residual = z.stress - data.stress[near] - times(data.tangent, near, z.strain - data.strain[near])
+    return correct(solution.problem, z, residual, data.tangent, near, metric, older=solution.linear)

@@ -24,7 +24,8 @@ Array = NDArray[np.float64]
 
 _ENTRY, _SHARE = 12.0, 0.7
 """Bytes of an entry of a factor, with what MUMPS works with; part of the memory that one may take."""
-_CLOSE, _MOST_OLD = 1e-10, 30
+_CLOSE, _MOST_OLD, _MANY = 1e-10, 30, 15
+"""Conjugate gradients with an older factorisation: residual, iterations at most, and at which a new one is due."""
 _MOST_WORK = 5e11
 """Squares of the entries of a row of the factor, summed: a minute, or two. Blocks of 240,000 unknowns have as many."""
 _RESIDUAL, _ROUND_OFF = 1e-6, 1e-13
@@ -39,6 +40,8 @@ class LinearSolver:
         stiffness: with an assembled matrix, in which rows and columns of prescribed components are replaced.
         prefix: of its PETSc options.
         definite: K is positive definite, so Cholesky will do; if not, a factorisation is LDL^T (MUMPS).
+        older: the solver of a near matrix of the same problem, whose factorisation serves first, as in :meth:`update`;
+            it solves no more itself.
 
     Raises:
         ConvergenceError: the factorisation fails.
@@ -51,6 +54,7 @@ class LinearSolver:
         *,
         prefix: str,
         definite: bool = True,
+        older: LinearSolver | None = None,
     ) -> None:
         K = self.matrix = stiffness.matrix
         self._comm = problem.operator.comm
@@ -63,20 +67,20 @@ class LinearSolver:
         self._x, self._b = K.createVecs()
         self._r = self._b.duplicate()
         self._pair: tuple[PETSc.Mat, ...] | None = None
-        self._old, self._gradients = False, PETSc.KSP().create(operator.comm)
+        self._old, self._many, self._gradients = False, False, PETSc.KSP().create(operator.comm)
         x = K.createVecLeft()
         x.setBlockSize(3)
         x.array[:] = operator.node_coordinates().reshape(-1)
         K.setNearNullSpace(PETSc.NullSpace().createRigidBody(x))
-        self._ksp = _make_solver(operator, K, prefix)
+        self._ksp = _make_solver(operator, K, prefix, direct=older is not None and older._direct)
+        self._factor: PETSc.PC | None = None if older is None else older._factor
         self._gradients.setType("cg")
-        self._gradients.setPC(self._ksp.getPC())
         self._gradients.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
         self._gradients.setTolerances(rtol=_CLOSE, max_it=_MOST_OLD)
-        if not definite and self._counts_pivots():
+        if not definite and _counts_pivots(self._ksp.getPC()):
             self._ksp.getPC().setFactorSetUpSolverType()
             self._ksp.getPC().getFactorMatrix().setMumpsIcntl(13, 1)  # count the pivots of the root front too
-        self.update()
+        self.update(keep=True)
 
     @property
     def name(self) -> str:
@@ -88,25 +92,28 @@ class LinearSolver:
     def update(self, *, keep: bool = False) -> None:
         """Take over the values that K was newly assembled with.
 
-        With ``keep`` a factorisation of earlier values stays, as long as conjugate gradients find solutions with it;
-        one that is not positive definite does not.
+        With ``keep`` a factorisation of earlier values stays, as long as conjugate gradients find solutions with it in
+        a few iterations; one that is not positive definite does not.
 
         Raises:
             ConvergenceError: the factorisation fails.
         """
-        pc = self._ksp.getPC()
-        direct = self._ksp.getType() == "preonly" and pc.getType() in ("cholesky", "lu")
-        self._old = keep and direct and not len(self._motions) and self.negative_pivots in (None, 0)
-        pc.setReusePreconditioner(self._old)
+        older = self._factor if keep and self._direct and not self._many and not len(self._motions) else None
+        self._old = older is not None and not self.negative_pivots
+        pc = self._ksp.getPC() if older is None or not self._old else older
         K, ksp = self.matrix, self._ksp
         mean = abs(K.getDiagonal()).sum() / K.getSize()[0]
         K.zeroRowsColumns(self._rows, diag=mean)
         if len(self._motions):
             K.shift(SHIFT * mean)
         K.setOption(self._kind, True)  # new values have made PETSc forget it
-        ksp.setOperators(K)  # or PETSc would put the factorisation off to the next solve
+        self._gradients.setPC(pc)
+        self._factor, self._many = (pc if self._direct else None), False
+        pc.setReusePreconditioner(self._old)
+        (self._gradients if self._old else ksp).setOperators(K)
         try:
-            ksp.setUp()
+            if not self._old:
+                ksp.setUp()  # or PETSc would put the factorisation off to the next solve
         except PETSc.Error as error:
             raise ConvergenceError(
                 f"linear solver {ksp.getType()} + {ksp.getPC().getType()}: set-up failed ({error})"
@@ -136,6 +143,7 @@ class LinearSolver:
         self._gradients.setTolerances(rtol=min(max(within, _CLOSE), 0.1))
         self._gradients.solve(self._b, self._x)
         if self._gradients.getConvergedReason() > 0:
+            self._many |= self._gradients.getIterationNumber() > _MANY
             return np.array(self._x.array)
         self.update()
         return None
@@ -162,11 +170,7 @@ class LinearSolver:
         Raises:
             ConvergenceError: see there.
         """
-        if (
-            self._mean is not None
-            or self._ksp.getType() != "preonly"
-            or self._ksp.getPC().getType() not in ("cholesky", "lu")
-        ):
+        if self._mean is not None or self._old or not self._direct:
             return self.solve(one), self.solve(other)
         sides = [np.where(self._fixed, 0.0, self._stiffness.condense(side)) for side in (one, other)]
         if self._pair is None:
@@ -209,13 +213,18 @@ class LinearSolver:
     @property
     def negative_pivots(self) -> int | None:
         """Negative eigenvalues of K, where the factorisation counts them (MUMPS, LDL^T); None otherwise."""
-        if not self._counts_pivots():
+        pc = self._factor
+        if pc is None or not _counts_pivots(pc):
             return None
-        return self._stiffness.negative + int(self._ksp.getPC().getFactorMatrix().getMumpsInfog(12))
+        return self._stiffness.negative + int(pc.getFactorMatrix().getMumpsInfog(12))
 
-    def _counts_pivots(self) -> bool:
-        pc = self._ksp.getPC()
-        return bool(pc.getType() == "cholesky" and pc.getFactorSolverType() == "mumps")
+    @property
+    def _direct(self) -> bool:
+        return self._ksp.getType() == "preonly" and self._ksp.getPC().getType() in ("cholesky", "lu")
+
+
+def _counts_pivots(pc: PETSc.PC) -> bool:
+    return bool(pc.getType() == "cholesky" and pc.getFactorSolverType() == "mumps")
 
 
 def factor_memory(operator: StrainOperator) -> float:
@@ -240,7 +249,8 @@ def _pays(operator: StrainOperator) -> bool:
     return bool(memory <= _SHARE * there and work <= _MOST_WORK)
 
 
-def _make_solver(operator: StrainOperator, K: PETSc.Mat, prefix: str) -> PETSc.KSP:
+def _make_solver(operator: StrainOperator, K: PETSc.Mat, prefix: str, *, direct: bool) -> PETSc.KSP:
+    """By factorisation where it pays, or where it is known to (``direct``)."""
     ksp = PETSc.KSP().create(operator.comm)
     ksp.setOptionsPrefix(prefix)
     ksp.setOperators(K)
@@ -248,7 +258,7 @@ def _make_solver(operator: StrainOperator, K: PETSc.Mat, prefix: str) -> PETSc.K
     ksp.setTolerances(rtol=1e-10, max_it=1000)  # of an iterative solver, ours or one asked for by options
     pc = ksp.getPC()
     package = next((name for name in ("mumps", "superlu_dist") if PETSc.Sys.hasExternalPackage(name)), None)
-    if _pays(operator) and (package or operator.comm.size == 1):
+    if (direct or _pays(operator)) and (package or operator.comm.size == 1):
         ksp.setType("preonly")
         pc.setType("lu" if package == "superlu_dist" else "cholesky")
         pc.setFactorSolverType(package or "petsc")
