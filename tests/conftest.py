@@ -64,6 +64,13 @@ def shared_tmp_path(tmp_path):
 
 
 @pytest.fixture
+def may_mpirun(monkeypatch):
+    """Programs that are started here may start mpirun themselves."""
+    for name, value in OPEN_MPI.items():
+        monkeypatch.setenv(name, value)
+
+
+@pytest.fixture
 def mpirun():
     """Start a program on n ranks: ``mpirun(n, *arguments, **run_options)`` gives the CompletedProcess."""
     program = shutil.which("mpirun", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")

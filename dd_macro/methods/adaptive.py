@@ -205,12 +205,14 @@ class _Rounds:
         self.projection = project(self.problem, metric)
         self._onto = local_tangent_step(StepRecord(self.projection, _MOST_ROUNDS, None))
         self._onto.leave = _LEAVE
-        self._given = prepared.material.each[0].dataset is not None
         self._points = [np.flatnonzero(self.problem.region_of_points == k) for k in range(len(data.parts))]
         self._away = np.inf
         self._surprise: float | None = None
         self.z = self.projection.elastic() if start is None else start
         size = _root_mean_square(self.problem.operator.comm, self.problem.operator.weights, metric, self.z.strain)
+        _, strained = span(self.problem.operator.comm, np.abs(self.z.strain))
+        # a body that nothing loads is moved by the stress of its data at rest alone
+        self._given = prepared.material.each[0].dataset is not None or not strained.any()
         self._forces = forces
         self._coordinates = [Coordinates(metric, None if own is None else size) for own in forces]
         self.done: list[Round] = []
