@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from dd_macro.methods.reference import NewtonIteration
@@ -24,6 +24,9 @@ from tsg_micro.data.figure_style import (
     label_maps,
     limits,
     new_figure,
+    plain_log,
+    tidy,
+    without_round_off,
 )
 
 __all__ = [
@@ -38,6 +41,9 @@ __all__ = [
 Array = NDArray[np.float64]
 
 _ERROR = "magma"
+_MANY = 100
+"""Blocks from which on errors are drawn as a histogram."""
+_PAIR = ("#20639b", "#c8553d")
 ROUNDS = {
     "gap": ("strain from the nearest datum", "s:", "tab:gray"),
     "surprise": ("error of stress at the last RVEs before they were added", "^--", "tab:orange"),
@@ -48,25 +54,32 @@ ROUNDS = {
 
 
 def plot_convergence(distance: Sequence[float], changed: Sequence[int], omega: Sequence[float]) -> Figure:
-    """Distance |y - z| in sqrt(J) and changed data by iteration; the phase with over-relaxed queries is shaded."""
+    """Normalised distance |y - z| / |z| and changed data by iteration; the phase with over-relaxed queries is shaded.
+
+    Distances that are round-off are drawn as zero.
+    """
+    percent = 100.0 * without_round_off(distance, 1.0)
     with mpl.rc_context(STYLE):
-        figure = new_figure(7.5, 4.5)
-        left = figure.add_subplot()
-        n = np.arange(1, len(distance) + 1)
+        figure = new_figure(7.5, 6.0)
+        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
+        n = np.arange(1, len(percent) + 1)
         relaxed = np.flatnonzero(np.asarray(omega) > 1)
+        for axes, values, style, colour in ((upper, percent, "o-", "#20639b"), (lower, changed, "s-", "#c8553d")):
+            if relaxed.size:
+                label = rf"over-relaxed, at first $\omega$ = {omega[relaxed[0]]:g}"
+                axes.axvspan(0.5, relaxed[-1] + 1.5, color="0.92", label=label)
+            axes.plot(n, values, style, color=colour, markersize=4)
+            tidy(axes)
+        if percent.min() < 0.5 * percent.max() or percent.max() == 0.0:
+            upper.set_ylim(0.0, 1.05 * percent.max() or 1.0)
+        upper.set_ylabel("normalised distance / %")
+        lower.set_ylabel("points with\na new datum")
+        lower.set_xlabel("iteration")
+        lower.set_xlim(0.5, len(percent) + 0.5)
+        lower.xaxis.get_major_locator().set_params(integer=True)
+        lower.set_ylim(bottom=0)
         if relaxed.size:
-            left.axvspan(0.5, relaxed[-1] + 1.5, color="0.92", label=rf"over-relaxed, $\omega$ = {omega[relaxed[0]]:g}")
-        left.semilogy(n, distance, "o-", color="#20639b", markersize=4, label=r"distance $\|y - z\|$")
-        right = left.twinx()
-        right.plot(n, changed, "s--", color="#c8553d", markersize=3.5, label="changed data")
-        left.set_xlabel("iteration")
-        left.set_ylabel(r"distance / J$^{1/2}$")
-        right.set_ylabel("quadrature points with a new datum")
-        left.set_xlim(0.5, len(distance) + 0.5)
-        left.xaxis.get_major_locator().set_params(integer=True)
-        right.set_ylim(bottom=0)
-        handles = [h for axes in (left, right) for h in axes.get_legend_handles_labels()[0]]
-        left.legend(handles=handles, loc="upper right", frameon=True)
+            figure.legend(*upper.get_legend_handles_labels(), loc="outside upper center", frameon=False)
     return figure
 
 
@@ -80,7 +93,7 @@ def plot_comparison(
     symbol: str,
 ) -> Figure:
     """Maps of the data-driven material and mechanical solution and of the tensegrity on one colour scale, of the
-    relative error of the mechanical solution, and histograms of the errors of both.
+    relative error of the mechanical solution, and histograms of the errors of both, or of few blocks all of them.
 
     Args:
         outline: polygons (n, corners, 2) in m.
@@ -102,6 +115,7 @@ def plot_comparison(
         both = {f"data-driven, material ${symbol}$": material, f"data-driven, mechanical ${symbol}$": mechanical}
         panels = both | panels
         errors["material"] = (100 * (material - tensegrity) / size)[inner]
+    states = {solved: mechanical[inner]} | ({} if material is None else {"material": material[inner]})
     ends = limits(list(panels.values()))
     with mpl.rc_context(STYLE):
         maps = 2 * (0.8 + 4.8 * aspect_ratio(outline))
@@ -118,7 +132,11 @@ def plot_comparison(
         axes[-1].set_title(f"relative error of {solved} ${symbol}$, its size")
         colour_bar(figure, drawn, axes[-1], "error / %", extend="max")
         label_maps(axes, 2)
-        _histogram(figure.add_subplot(grid[1, 1] if material is None else grid[2, :]), errors, symbol)
+        last = figure.add_subplot(grid[1, 1] if material is None else grid[2, :])
+        if inner.sum() < _MANY:
+            _block_by_block(last, states, tensegrity[inner], errors, symbol)
+        else:
+            _histogram(last, errors, symbol)
     return figure
 
 
@@ -144,24 +162,22 @@ def plot_boundary(outline: Array, maps: Mapping[str, ErrorMap]) -> Figure:
             share = np.maximum(100 * found.share, 1e-4 * top)
             drawn = draw_field(place, outline, share, (1e-4 * top, 100 * top), _ERROR)
             drawn.set_norm(LogNorm(1e-4 * top, 100 * top))
-            where = (
-                f"{100 * found.rings[0]:.0f} % in the outer ring, {100 * found.clamped_rows:.0f} % in the clamped rows"
-            )
-            place.set_title(f"{title}: {where}", fontsize=12)
-            colour_bar(figure, drawn, place, "of the squared error / %", extend="min")
-            style, colour = ("o-", "s--")[i % 2 if len(maps) > 2 else 0], ("#20639b", "#c8553d")[i * 2 // len(maps)]
+            outer, held = 100 * found.rings[0], 100 * found.clamped_rows
+            place.set_title(f"{title}\n{outer:.0f} % in the outer ring, {held:.0f} % in the clamped rows", fontsize=12)
+            colour_bar(figure, drawn, place, "share of the\nsquared error / %", extend="min")
+            style, colour = ("o-", "s--")[i % 2 if len(maps) > 2 else 0], _PAIR[i * 2 // len(maps)]
             for side, values in ((left, found.error), (right, found.rings)):
                 side.semilogy(range(len(values)), 100 * values, style, color=colour, markersize=4, label=title)
         label_maps(axes, 2)
         left.set_xlabel("outer rings of blocks left out")
-        left.set_ylabel("error of the others / %")
+        left.set_ylabel("error of the blocks left / %")
         right.set_xlabel("ring of blocks, from outside")
-        right.set_ylabel("of the squared error / %")
+        right.set_ylabel("share of the squared error / %")
         for place in (left, right):
             place.xaxis.get_major_locator().set_params(integer=True)
-            place.yaxis.set_major_formatter("{x:g}")
-            place.grid(alpha=0.3)
-            place.legend()
+            plain_log(place.yaxis)
+            tidy(place)
+            place.legend(frameon=False)
     return figure
 
 
@@ -174,12 +190,10 @@ def plot_rounds(data: Sequence[int], rounds: Mapping[str, Sequence[float | None]
             pairs = [(n, value) for n, value in zip(data, rounds[name], strict=True) if value]
             if pairs:
                 axes.loglog(*zip(*pairs, strict=True), style, color=color, label=label)
-        axes.set_xscale("log", base=2)
-        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        axes.xaxis.set_minor_formatter(NullFormatter())
+        plain_log(axes.xaxis)
         axes.set_xlabel("data")
         axes.set_ylabel("relative to the whole, in the metric")
-        axes.grid(alpha=0.3)
+        tidy(axes)
         figure.legend(loc="outside upper center")
     return figure
 
@@ -196,22 +210,41 @@ def plot_newton(history: Sequence[NewtonIteration]) -> Figure:
             axes.semilogy(*zip(*own, strict=True), "o-", color=shade, label=f"{load:.3g} of the load")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set_xlabel("linear solves")
-        axes.set_ylabel("out-of-balance force over that of the supports")
-        axes.grid(alpha=0.3)
+        axes.set_ylabel("out-of-balance force\nover that of the supports")
+        tidy(axes)
         if 1 < len(loads) <= 8:
             figure.legend(loc="outside upper center", ncols=4)
     return figure
+
+
+def _block_by_block(
+    axes: Axes, states: Mapping[str, Array], tensegrity: Array, errors: Mapping[str, Array], symbol: str
+) -> None:
+    """The value of every block against that of the tensegrity."""
+    ends = limits([tensegrity, *states.values()])
+    axes.axline((ends[0], ends[0]), slope=1.0, color="0.6", linewidth=1.0)
+    for (name, values), colour, marker in zip(states.items(), cycle(_PAIR), cycle("os")):
+        axes.plot(tensegrity, values, marker, color=colour, alpha=0.7, label=f"{name}: {_spread(errors[name])}")
+    axes.set_xlabel(f"${symbol}$ of the tensegrity / Pa, {len(tensegrity)} inner blocks")
+    axes.set_ylabel(f"${symbol}$ of the solution / Pa")
+    tidy(axes)
+    axes.legend(frameon=False, fontsize=11, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+
+
+def _spread(error: Array) -> str:
+    return f"mean error {error.mean():+.1f} %, standard deviation {error.std():.1f} %"
 
 
 def _histogram(axes: Axes, errors: Mapping[str, Array], symbol: str) -> None:
     """Histograms of relative errors in percent; errors beyond the 99th percentile are in the outermost bins."""
     limit = max(float(np.percentile(np.abs(np.concatenate(list(errors.values()))), 99)), 1e-12)
     bins = np.linspace(-limit, limit, 41)
-    for (name, values), colour in zip(errors.items(), cycle(("#20639b", "#c8553d")), strict=False):
-        label = f"{name}: mean {values.mean():+.1f} %, standard deviation {values.std():.1f} %"
-        axes.hist(np.clip(values, -limit, limit), bins, alpha=0.55, color=colour, label=label)
+    for (name, values), colour in zip(errors.items(), cycle(_PAIR), strict=False):
+        clipped = np.clip(values, -limit, limit)
+        axes.hist(clipped, bins, alpha=0.55, color=colour, label=f"{name}: {_spread(values)}")
     axes.axvline(0.0, color="0.3", linewidth=0.8)
     axes.set_xlabel(f"relative error of ${symbol}$ / %, outer blocks left out;\nthe last bins hold all beyond")
     axes.set_ylabel("blocks")
-    axes.set_ylim(top=1.3 * axes.get_ylim()[1])  # room for the legend
-    axes.legend(loc="upper center", ncols=2, frameon=False)
+    tidy(axes)
+    axes.set_axisbelow(True)
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False, fontsize=11)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import singledispatch
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from dd_macro.methods.adaptive import AdaptiveResult
@@ -24,7 +25,9 @@ def history_figures(solution: Solution) -> dict[str, Figure]:
 @history_figures.register
 def _with_data(solution: DataDrivenResult) -> dict[str, Figure]:
     history = solution.history
-    figure = plot_convergence([i.distance for i in history], [i.changed for i in history], [i.omega for i in history])
+    whole = solution.distance / solution.normalised_distance if solution.normalised_distance > 0.0 else np.inf
+    distance = [i.distance / whole for i in history]
+    figure = plot_convergence(distance, [i.changed for i in history], [i.omega for i in history])
     return {"convergence": figure}
 
 

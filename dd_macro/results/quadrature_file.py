@@ -5,6 +5,7 @@ Layout (schema 1). Root attributes: ``format`` = "tsgdd-quadrature", ``schema``,
 (cells, points per cell, ...) unless said otherwise, each with an attribute ``unit``; vectors of 6 are Mandel:
 
     corners (cells, 8, 3) m, VTK order        midpoint (cells, 3) m      coordinates (..., 3) m     weight m^3
+    corner_displacement (cells, 8, 3) m, not in files of older versions
     mechanical_strain (..., 6) 1              mechanical_stress (..., 6) Pa    mechanical_p, mechanical_q Pa
     material_strain (..., 6) 1                material_stress (..., 6) Pa      material_p, material_q Pa
     local_distance sqrt(J/m^3)                datum: index into the data set, 1
@@ -51,9 +52,11 @@ UNITS = {
     "local_distance": "J^(1/2)/m^(3/2)",
     "datum": "1",
 }
+_NEWER = {"corner_displacement": "m"}
 _VECTORS = ("mechanical_strain", "mechanical_stress", "material_strain", "material_stress")
 _SHAPES: dict[str, tuple[int, ...]] = dict.fromkeys(UNITS, ()) | dict.fromkeys(_VECTORS, (6,))
-_SHAPES |= {"corners": (8, 3), "midpoint": (3,), "coordinates": (3,)}
+_SHAPES |= {"corners": (8, 3), "corner_displacement": (8, 3), "midpoint": (3,), "coordinates": (3,)}
+_OF_CELLS = ("corners", "corner_displacement", "midpoint")
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,12 @@ class QuadratureFields:
     datum: NDArray[np.int64]
     stress_measure: str
     normalised_distance: float
+    corner_displacement: Array | None = None
+
+    @property
+    def deformed_corners(self) -> Array:
+        """Where the corners (cells, 8, 3) are now, m; at rest where the file does not say."""
+        return self.corners if self.corner_displacement is None else self.corners + self.corner_displacement
 
     def cell_mean(self, values: Array) -> Array:
         """Volume means (cells, ...) of values (cells, points per cell, ...)."""
@@ -94,7 +103,7 @@ def write_quadrature(path: str | Path, operator: StrainOperator, result: Solutio
     attributes = {"format": FORMAT, "schema": SCHEMA, "stress_measure": stress_measure}
     attributes |= {"normalised_distance": result.normalised_distance}
     fields = _fields(operator, in_space(result, stress_measure))
-    write_by_cell(path, operator.domain, fields, units=UNITS, attributes=attributes)
+    write_by_cell(path, operator.domain, fields, units=UNITS | _NEWER, attributes=attributes)
 
 
 def read_quadrature(path: str | Path) -> QuadratureFields:
@@ -103,17 +112,18 @@ def read_quadrature(path: str | Path) -> QuadratureFields:
     Raises:
         InputError: no such file, not HDF5, locked, damaged, or of another format or schema.
     """
-    with open_hdf5(path, "quadrature file", list(UNITS)) as file:
+    with open_hdf5(path, "quadrature file", [*UNITS, *_NEWER]) as file:
         found = tuple(text(file.attrs.get(name)) for name in ("format", "schema"))
         if found != (FORMAT, SCHEMA):
             raise InputError(f"expected {FORMAT}, schema {SCHEMA}, got {found[0]}, {found[1]}")
         missing = [name for name in UNITS if name not in file]
         if missing:
             raise InputError(f"expected the array {missing[0]}, it is missing")
-        arrays = {name: read_array(file, name, unit) for name, unit in UNITS.items()}
+        there = UNITS | {name: unit for name, unit in _NEWER.items() if name in file}
+        arrays = {name: read_array(file, name, unit) for name, unit in there.items()}
         cells, points = arrays["weight"].shape[:2]
         for name, array in arrays.items():
-            expected = (cells, *_SHAPES[name]) if name in ("corners", "midpoint") else (cells, points, *_SHAPES[name])
+            expected = (cells, *_SHAPES[name]) if name in _OF_CELLS else (cells, points, *_SHAPES[name])
             if array.shape != expected:
                 raise InputError(f"{name}: expected shape {expected}, got {array.shape}")
             if not np.isfinite(array).all():
@@ -145,4 +155,5 @@ def _fields(operator: StrainOperator, result: Solution) -> dict[str, NDArray[Any
     corners = operator.cell_corners[:, VTK_CORNERS]
     cells, nq = len(corners), operator.points_per_cell
     shaped = {name: a.reshape(cells, nq, *a.shape[1:]) for name, a in at_points.items()}
-    return {"corners": corners, "midpoint": corners.mean(axis=1), **shaped}
+    moved = operator.corner_displacement(z.u)[:, VTK_CORNERS]
+    return {"corners": corners, "corner_displacement": moved, "midpoint": corners.mean(axis=1), **shaped}

@@ -17,7 +17,7 @@ from tsg_micro.continuum.response import cell_displacement
 from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.mandel import to_mandel
 
-__all__ = ["CellStrain", "block_data", "cell_strain", "histogram_edges", "row_balance"]
+__all__ = ["CellStrain", "block_data", "block_displacement", "cell_strain", "histogram_edges", "row_balance"]
 
 Array = NDArray[np.float64]
 
@@ -42,6 +42,14 @@ def block_data(
     )
     kirchhoff = dataclasses.replace(first_piola, stress=to_mandel(blocks.kirchhoff), stress_measure="kirchhoff")
     return first_piola, kirchhoff
+
+
+def block_displacement(structure: Structure, displacement: Array) -> Array:
+    """Mean displacement (b, 3) of the nodes of every block, from that of the nodes (n, 3), m."""
+    of_cells = displacement[structure.cell_nodes].mean(axis=1)
+    cells = np.bincount(structure.cell_block)
+    sums = [np.bincount(structure.cell_block, weights=column) for column in of_cells.T]
+    return np.column_stack(sums) / cells[:, None]
 
 
 def row_balance(structure: Structure, blocks: BlockFields, motion: Motion, nominal_stress: float) -> float:

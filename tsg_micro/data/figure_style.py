@@ -11,10 +11,12 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 from numpy.typing import ArrayLike, NDArray
 
 from tsg_micro.data.errors import InputError
@@ -23,6 +25,7 @@ from tsg_micro.data.files import atomic_path
 __all__ = [
     "FIELD",
     "MICRO",
+    "ROUND_OFF",
     "STYLE",
     "aspect_ratio",
     "block_outlines",
@@ -32,10 +35,12 @@ __all__ = [
     "label_maps",
     "limits",
     "new_figure",
+    "plain_log",
     "plot_maps",
     "save_figure",
     "shades",
     "tidy",
+    "without_round_off",
 ]
 
 Array = NDArray[np.float64]
@@ -44,6 +49,10 @@ STYLE = {"font.size": 13, "axes.titlesize": 14, "axes.linewidth": 0.8, "savefig.
 MICRO = 1e6
 FIELD = "viridis"
 """Colours of a field, and of curves that have an order."""
+ROUND_OFF = 1e-9
+"""What a value is beside those that it is drawn with, or their difference, that is none."""
+_FLAT = 0.2
+"""Height over width of maps that are drawn below each other."""
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -83,11 +92,24 @@ def finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
 
 
 def limits(fields: Sequence[Array]) -> tuple[float, float]:
-    """Common limits of the fields; a constant field gets some room."""
+    """Common limits of the fields; one that is constant but for round-off gets some room."""
     low, high = min(map(np.min, fields)), max(map(np.max, fields))
-    if low == high:
+    if high - low <= ROUND_OFF * max(abs(low), abs(high)):
         low, high = low - 0.5 * (abs(low) or 1.0), high + 0.5 * (abs(high) or 1.0)
     return float(low), float(high)
+
+
+def without_round_off(values: ArrayLike, size: float) -> Array:
+    """``values``, zero where they are round-off beside ``size``."""
+    array = np.asarray(values, dtype=float)
+    return np.where(np.abs(array) <= ROUND_OFF * size, 0.0, array)
+
+
+def plain_log(axis: Axis) -> None:
+    """A logarithmic axis whose ticks are plain numbers, 1, 2 and 5 times a power of ten."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_locator(NullLocator())
 
 
 def aspect_ratio(outline: Array) -> float:
@@ -162,24 +184,32 @@ def label_maps(grid: Sequence[Axes], columns: int) -> None:
 
 
 def plot_maps(outline: Array, fields: Mapping[str, tuple[Array, str]], *, columns: int = 2) -> Figure:
-    """Fields per polygon, each on a scale of its own.
+    """Fields per polygon; those of one label share a scale.
 
     Args:
         outline: polygons (n, corners, 2) in m.
-        fields: title -> (values (n,), unit); stresses in Pa.
-        columns: of panels.
+        fields: title -> (values (n,), label with the unit); stresses in Pa.
+        columns: of panels; long bodies have one.
 
     Raises:
         InputError: a field of another length, or not finite.
     """
+    extent = np.ptp(outline.reshape(-1, 2), axis=0)
+    flat = bool(extent[1] < _FLAT * extent[0])
+    columns = 1 if flat else columns
     with mpl.rc_context(STYLE):
         rows = -(-len(fields) // columns)
-        figure = new_figure(6.2 * columns, (0.9 + 4.4 * aspect_ratio(outline)) * rows)
+        height = 1.1 + 9.0 * max(extent[1] / extent[0], 0.08) if flat else 0.9 + 4.4 * aspect_ratio(outline)
+        figure = new_figure(11.0 if flat else 6.2 * columns, height * rows)
         grid = list(figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel())
-        for axes, (title, (values, unit)) in zip(grid, fields.items(), strict=False):
-            drawn = draw_field(axes, outline, values, limits([values]), FIELD)
+        for axes, (title, (values, label)) in zip(grid, fields.items(), strict=False):
+            ends = limits([other for other, of in fields.values() if of == label])
+            drawn = draw_field(axes, outline, values, ends, FIELD)
             axes.set_title(title)
-            colour_bar(figure, drawn, axes, unit)
+            if flat:
+                figure.colorbar(drawn, ax=axes, label=label, aspect=8, pad=0.01)
+            else:
+                colour_bar(figure, drawn, axes, label)
         for axes in grid[len(fields) :]:
             axes.set_visible(False)
         label_maps(grid[: len(fields)], columns)

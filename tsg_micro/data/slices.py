@@ -14,7 +14,6 @@ from tsg_micro.data.figure_style import (
     FIELD,
     MICRO,
     STYLE,
-    aspect_ratio,
     draw_field,
     finite,
     limits,
@@ -61,31 +60,32 @@ def slices_of_blocks(midpoint: Array, edge: float) -> list[Slice]:
     return found
 
 
-def slices_of_cells(corners: Array) -> list[Slice]:
-    """The same of hexahedra with corners (n, 8, 3), m, in VTK's order, each drawn as the layer through its middle."""
+def slices_of_cells(corners: Array, drawn: Array | None = None) -> list[Slice]:
+    """The same of hexahedra with corners (n, 8, 3), m, in VTK's order, each as the layer through its middle.
+
+    Where the corners are ``drawn`` (n, 8, 3) at other places, of the deformed body, the layers are those of the body at
+    rest.
+    """
     found = []
     low, high = corners.min(axis=1), corners.max(axis=1)
     for across, up in ((2, 1), (1, 2)):
         # a hair off the middle, which may be between two layers
         place = float(low[:, across].min() + 0.5001 * np.ptp(corners[..., across]))
         cells = np.flatnonzero((low[:, across] <= place) & (high[:, across] > place))
-        own = corners[cells]
-        layers = own[:, _CELL_FACES].mean(axis=2)  # (k, 3 pairs, 4, 3)
+        layers = corners[cells][:, _CELL_FACES].mean(axis=2)  # (k, 3 pairs, 4, 3)
         flat = np.ptp(layers[..., across], axis=2).argmin(axis=1)
-        outline = layers[np.arange(len(cells)), flat][..., [0, up]]
+        shown = layers if drawn is None else drawn[cells][:, _CELL_FACES].mean(axis=2)
+        outline = shown[np.arange(len(cells)), flat][..., [0, up]]
         found.append(Slice(cells, outline, "xyz"[up], "xyz"[across], place))
     return found
 
 
-def plot_slices(
-    slices: Sequence[Slice], fields: Mapping[str, Field], *, same: bool = False, cmap: str = FIELD
-) -> Figure:
-    """Fields per cell on slices, a row for each field, with one scale in a row.
+def plot_slices(slices: Sequence[Slice], fields: Mapping[str, Field], *, cmap: str = FIELD) -> Figure:
+    """Fields per cell on slices, a row for each field; those of one label share a scale.
 
     Args:
         slices: of a body.
-        fields: title -> (values of all its cells (n,), unit); stresses in Pa.
-        same: one scale for all fields.
+        fields: title -> (values of all its cells (n,), label with the unit); stresses in Pa.
         cmap: colours.
 
     Raises:
@@ -94,14 +94,17 @@ def plot_slices(
     n = len(np.asarray(next(iter(fields.values()))[0]))
     values = {title: finite(f"field {title}", field, (n,)) for title, (field, _) in fields.items()}
     with mpl.rc_context(STYLE):
-        height = 0.9 + 3.2 * max(aspect_ratio(one.outline) for one in slices)
+        tallest = max(np.divide(*np.ptp(one.outline.reshape(-1, 2), axis=0)[::-1]) for one in slices)
+        height = 1.6 + 3.6 * float(np.clip(tallest, 0.08, 1.5))
         figure = new_figure(9.6, height * len(fields))
         grid = figure.subplots(len(fields), len(slices), squeeze=False)
         for row, (title, field) in zip(grid, values.items(), strict=True):
-            ends = limits([f[one.cells] for f in (values.values() if same else [field]) for one in slices])
+            label = fields[title][1]
+            alike = [values[other] for other, (_, of) in fields.items() if of == label]
+            ends = limits([one_field[one.cells] for one_field in alike for one in slices])
             for axes, one in zip(row, slices, strict=True):
                 drawn = draw_field(axes, one.outline, field[one.cells], ends, cmap)
-                axes.set_title(f"{title}\n${one.normal}$ = {MICRO * one.place:.4g} µm", fontsize=12)
+                axes.set_title(f"{title}\n${one.normal}$ = {MICRO * one.place:.3g} µm", fontsize=12)
                 axes.set(xlabel="$x$ / µm", ylabel=f"${one.up}$ / µm")
-            figure.colorbar(drawn, ax=list(row), label=fields[title][1], aspect=25)
+            figure.colorbar(drawn, ax=list(row), label=label, aspect=float(np.clip(8 * height, 8, 25)))
     return figure

@@ -33,7 +33,7 @@ def draw_fit(out: Path, fit: Fit, load: NDArray[np.float64], answer: NDArray[np.
         lower.plot(x_scale * load, y_scale * (answer - fit.model.answer(load)), "o", color="0.45", markersize=4)
         lower.axhline(0.0, color="#20639b", linewidth=1.5)
         upper.set_ylabel(y_label)
-        lower.set_ylabel("data - fit")
+        lower.set_ylabel("data - fit / " + y_label.split(" / ")[1], fontsize=11)
         lower.set_xlabel(x_label)
         text = []
         for k, (name, value) in enumerate(zip(fit.names, fit.values, strict=True)):

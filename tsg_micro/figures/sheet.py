@@ -18,13 +18,16 @@ from numpy.typing import NDArray
 
 from tsg_micro.cells.structure import Structure, member_vectors
 from tsg_micro.data.errors import InputError
-from tsg_micro.data.figure_style import MICRO, STYLE, finite, new_figure
+from tsg_micro.data.figure_style import MICRO, STYLE, draw_field, finite, new_figure
+from tsg_micro.figures.parts import top_cells
 
 __all__ = [
+    "BAR_WIDTH",
     "FORCE",
     "cased_lines",
     "force_scale",
     "frame",
+    "member_handles",
     "member_segments",
     "plot_sheet",
     "scale_bar",
@@ -36,11 +39,17 @@ Array = NDArray[np.float64]
 # grey, not white, in the middle: thin members of a small force must not vanish
 FORCE = LinearSegmentedColormap.from_list("force", ["#053061", "#2f79b5", "#c0c0c0", "#d6604d", "#67001f"])
 
+BAR_WIDTH = 0.45
+"""Of a bar in a picture, over that of a tendon; the real bars, 0.1 µm, are ten times thinner than the tendons."""
+_THIN = 30.0
+"""Width of a cell in points below which its members are not told apart."""
+
 
 def plot_sheet(structure: Structure, displacement: Array, force: Array) -> Figure:
     """A deformed lattice seen from above, members coloured by axial force, and a few blocks of a corner enlarged.
 
-    The colours end at the 98th percentile of the absolute force.
+    Where the members of the whole are too thin to be told apart, its uppermost cells are coloured by the mean force of
+    their tendons instead. The colours end at the 98th percentile of the absolute force.
 
     Args:
         structure: a lattice.
@@ -53,6 +62,7 @@ def plot_sheet(structure: Structure, displacement: Array, force: Array) -> Figur
     if len(structure.cells) == 0:
         raise InputError("structure: expected a lattice of cells, got a structure without")
     force = finite("force", force, (len(structure.members),)) * 1e9
+    tendon_force = _tendon_force(structure, force)
     segments = MICRO * member_segments(structure, displacement)
     order = np.argsort(segments[..., 2].mean(axis=1))  # what lies above is drawn last
     segments, force, bars = segments[order, :, :2], force[order], structure.bars[order]
@@ -70,26 +80,53 @@ def plot_sheet(structure: Structure, displacement: Array, force: Array) -> Figur
         grid = figure.subplots(1, 2, width_ratios=[aspect, 1.0])
         windows = [(low, high), (window_high - side, window_high)]
         for axes, (start, end) in zip(grid, windows, strict=True):
-            inside = ((segments.max(axis=1) >= start) & (segments.min(axis=1) <= end)).all(axis=1)
             cell = 72 * height * 0.5 * block / (end - start)[1]  # points
-            width = np.clip(0.055 * cell, 0.7, 5.0) * np.where(bars, 1.0, 0.55)[inside]
-            edge = np.where(bars[inside, None], 0.1, 1.0) * np.ones(3)
-            cased_lines(axes, segments[inside], colour[inside], width, edge)
             frame(axes, start, end, 0.01 if axes is grid[0] else 0.0)
             axes.set_xlabel(r"$x$ / µm")
+            if axes is grid[0] and cell < _THIN:
+                _draw_cells(axes, structure, displacement, tendon_force, scale)
+                continue
+            inside = ((segments.max(axis=1) >= start) & (segments.min(axis=1) <= end)).all(axis=1)
+            width = np.clip(0.055 * cell, 0.7, 5.0) * np.where(bars, BAR_WIDTH, 1.0)[inside]
+            edge = np.where(bars[inside, None], 0.1, 1.0) * np.ones(3)
+            cased_lines(axes, segments[inside], colour[inside], width, edge)
         grid[0].set_ylabel(r"$y$ / µm")
         grid[1].tick_params(labelleft=False)  # the guide lines run there
         grid[0].indicate_inset_zoom(grid[1], edgecolor="black", linewidth=1.2, alpha=0.9)
-        handles = [
-            Line2D(
-                [], [], color="0.55", linewidth=4, label="bar", path_effects=[withStroke(linewidth=6, foreground="0.1")]
-            ),
-            Line2D([], [], color="0.55", linewidth=2, label="tendon"),
-        ]
-        grid[0].legend(handles=handles, loc="lower left", bbox_to_anchor=(0, 1), ncols=2, frameon=False)
+        grid[1].legend(
+            handles=member_handles(cased=True), loc="lower left", bbox_to_anchor=(0, 1), ncols=2, frameon=False
+        )
         cax = grid[1].inset_axes((1.04, 0.0, 0.05, 1.0))
         figure.colorbar(scale, cax=cax, label="member force / nN", extend=extend)
     return figure
+
+
+def member_handles(*, cased: bool) -> list[Line2D]:
+    """What thick and thin stand for in a legend; bars are cased in black where they are so in the picture."""
+    case = [withStroke(linewidth=4.5, foreground="0.1")] if cased else []
+    return [
+        Line2D([], [], color="0.55", linewidth=4.0, label="tendon"),
+        Line2D([], [], color="0.55", linewidth=4.0 * BAR_WIDTH, label="bar", path_effects=case),
+    ]
+
+
+def _tendon_force(structure: Structure, force: Array) -> Array:
+    """Mean force (c,) of the tendons of every cell."""
+    tendon = ~structure.bars
+    sums, counts = np.zeros((2, len(structure.cells) + 1))  # the last one stands for "no cell"
+    for cell in structure.member_cells[tendon].T:
+        np.add.at(sums, cell, force[tendon])
+        np.add.at(counts, cell, 1.0)
+    return np.asarray(sums[:-1] / counts[:-1])
+
+
+def _draw_cells(
+    axes: Axes, structure: Structure, displacement: Array, tendon_force: Array, scale: ScalarMappable
+) -> None:
+    """The uppermost cells, coloured by the mean force of their tendons, nN."""
+    top, outline = top_cells(structure, displacement)
+    draw_field(axes, outline, tendon_force[top], scale.get_clim(), FORCE)
+    axes.set_title("cells, by the mean force of their tendons")
 
 
 def force_scale(*forces: Array, room: float = 0.0) -> tuple[ScalarMappable, str]:
@@ -147,10 +184,14 @@ def scale_bar(axes: Axes, low: Array, extent: Array) -> None:
 
 def triad(axes: Axes, camera: Array) -> None:
     """The directions x, y, z in the lower right corner."""
-    corner = axes.inset_axes((0.88, 0.0, 0.12, 0.12))
+    extent = np.array([np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())])
+    width, height = np.minimum(0.12 * extent.max() / extent, 0.5)
+    corner = axes.inset_axes((1.0 - width, 0.0, width, height))
     corner.set(xlim=(-0.7, 1.3), ylim=(-0.7, 1.3), aspect="equal")
     corner.set_axis_off()
     for name, (x, y) in zip("xyz", camera[:, :2], strict=True):
+        if np.hypot(x, y) < 0.1:  # it points to the eye
+            continue
         corner.annotate(
             "", (x, y), (0, 0), arrowprops={"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "color": "0.2"}
         )

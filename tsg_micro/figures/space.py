@@ -1,8 +1,8 @@
 """Structures in space: members as shaded tubes (pyvista, off screen), framed, scaled and labelled by Matplotlib.
 
-Bars are thick, and seen closely cased in black; tendons are thin. The projection is parallel, so one scale bar holds
-for all of a picture, and views side by side share their scale and their colours. Where pyvista is not installed the
-members are drawn as lines, far ones fading, in the same frame.
+Tendons are thick; bars are thin, as they are, and seen closely cased in black. The projection is parallel, so one
+scale bar holds for all of a picture, and views side by side share their scale and their colours. Where pyvista is not
+installed the members are drawn as lines, far ones fading, in the same frame.
 """
 
 from __future__ import annotations
@@ -20,25 +20,36 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from tsg_micro.cells.structure import Structure
 from tsg_micro.cells.unit_cell import KINDS
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.figure_style import MICRO, STYLE, finite, new_figure
-from tsg_micro.figures.sheet import cased_lines, force_scale, frame, member_segments, scale_bar, triad
+from tsg_micro.figures.parts import is_deep, middle_layer, part
+from tsg_micro.figures.sheet import (
+    BAR_WIDTH,
+    cased_lines,
+    force_scale,
+    frame,
+    member_handles,
+    member_segments,
+    scale_bar,
+    triad,
+)
 
-__all__ = ["RENDERERS", "View", "camera_of", "choose_renderer", "plot_structure", "plot_views"]
+__all__ = ["RENDERERS", "View", "camera_of", "choose_renderer", "plot_body", "plot_structure", "plot_views"]
 
 Array = NDArray[np.float64]
 
 RENDERERS = ("pyvista", "matplotlib")
 _COLOURS = ("#0072b2", "#e69f00", "#45454f")  # by kind; told apart with any colour vision
-_WIDTHS = np.array([0.5, 0.5, 1.0])
+_WIDTHS = np.array([1.0, 1.0, BAR_WIDTH])
 _RADIUS = 0.018
-"""Of a bar in the picture, over the cell height (the real bars, 0.1 µm, are thinner than the tendons)."""
+"""Of a tendon in the picture, over the cell height; it is 0.05 with the usual tendons, which would hide the bars."""
 _DOTS_PER_INCH = 200
+_WIDE = 1.8
+"""Width over height of views that stand below each other."""
 _CLOSE = 2000
 """Up to so many members a tube is smooth, its joints are round, and bars are cased."""
 
@@ -83,6 +94,22 @@ def plot_structure(
     return plot_views(structure, [View("", displacement, force)], renderer=renderer)
 
 
+def plot_body(structure: Structure, views: Sequence[View], *, renderer: str = "auto", width: float = 6.0) -> Figure:
+    """As :func:`plot_views`; of a lattice with many cells along all axes the middle layer of cells, from above."""
+    if not is_deep(structure):
+        return plot_views(structure, views, renderer=renderer, width=width)
+    shown = middle_layer(structure)
+    layer = [
+        View(f"{view.title}\nmiddle layer of cells".strip(), view.displacement, _of_members(structure, view, shown))
+        for view in views
+    ]
+    return plot_views(part(structure, shown), layer, azimuth=-90.0, elevation=90.0, renderer=renderer, width=width)
+
+
+def _of_members(structure: Structure, view: View, shown: NDArray[np.bool_]) -> Array | None:
+    return None if view.force is None else finite("force", view.force, (len(structure.members),))[shown]
+
+
 def plot_views(
     structure: Structure,
     views: Sequence[View],
@@ -92,7 +119,7 @@ def plot_views(
     renderer: str = "auto",
     width: float = 8.0,
 ) -> Figure:
-    """States of one structure beside each other, at one scale; angles of the camera in degrees.
+    """States of one structure beside each other, or below, at one scale; angles of the camera in degrees.
 
     ``width`` in inches is the larger side of a panel. Colours of force end at the 98th percentile over all views.
 
@@ -114,10 +141,12 @@ def plot_views(
         None if view.force is None else 1e9 * finite("force", view.force, (len(structure.members),)) for view in views
     ]
     colours, mappable, extend = _colours(structure, forces)
-    size = np.maximum(extent[:2] * scale + (0.5, 1.2), 3.5)
+    size = np.maximum(extent[:2] * scale + (0.5, 1.2), (3.5, 2.2))
     with mpl.rc_context(STYLE):
-        figure = new_figure(size[0] * len(views) + (1.2 if mappable else 0.0), size[1] + 0.4)
-        panels = figure.subplots(1, len(views), squeeze=False)[0]
+        below = len(views) > 1 and extent[0] > _WIDE * extent[1]
+        rows, columns = (len(views), 1) if below else (1, len(views))
+        figure = new_figure(size[0] * columns + (1.2 if mappable else 0.0), size[1] * rows + 0.4)
+        panels = figure.subplots(rows, columns, squeeze=False).ravel()
         for axes, view, segments, colour in zip(panels, views, ends, colours, strict=True):
             if renderer == "pyvista":
                 shown = colour if mappable else _faded(segments, colour, low, high)  # of forces the colour is the value
@@ -162,12 +191,8 @@ def _colours(structure: Structure, forces: list[Array | None]) -> tuple[list[Arr
 def _handles(by_force: bool, cased: bool) -> list[Line2D]:
     """What thick and thin, or the colours, stand for."""
     if not by_force:
-        return [Line2D([], [], color=_COLOURS[k], linewidth=4 * _WIDTHS[k], label=KINDS[k]) for k in (2, 0, 1)]
-    case = [withStroke(linewidth=6.5, foreground="black")]
-    return [
-        Line2D([], [], color="0.55", linewidth=4, label="bar", path_effects=case if cased else []),
-        Line2D([], [], color="0.55", linewidth=2, label="tendon"),
-    ]
+        return [Line2D([], [], color=_COLOURS[k], linewidth=4 * _WIDTHS[k], label=KINDS[k]) for k in (0, 1, 2)]
+    return member_handles(cased=cased)
 
 
 def _faded(segments: Array, colour: Array, low: Array, high: Array) -> Array:
@@ -201,7 +226,7 @@ def _tubes(
     room = 0.02 * (high - low)[:2].max()
     centre, half = 0.5 * (low + high), 0.5 * (high - low) + room
     pixels = np.maximum(np.ceil(2 * half[:2] * scale * _DOTS_PER_INCH), 64).astype(int)
-    radius = max(_RADIUS * _cell_height(structure), 0.9 / (scale * _DOTS_PER_INCH))  # or nothing would be seen of it
+    radius, thinnest = _RADIUS * _cell_height(structure), 0.6 / (scale * _DOTS_PER_INCH)  # or nothing would be seen
     few = len(structure.members) <= _CLOSE
     sides = 20 if few else 7
     verbosity = vtkLogger.GetCurrentVerbosityCutoff()
@@ -213,7 +238,7 @@ def _tubes(
             chosen = structure.bars == bars
             if not chosen.any():
                 continue
-            r = radius * (1.0 if bars else _WIDTHS[0])
+            r = max(radius * (BAR_WIDTH if bars else 1.0), thinnest)
             mesh = _polydata(pv, segments[chosen], colour[chosen])
             for part in (mesh.tube(radius=r, n_sides=sides), *([_balls(mesh, r)] if few else [])):
                 plotter.add_mesh(part, scalars="colour", rgb=True, smooth_shading=few, ambient=0.3, specular=0.15)

@@ -17,19 +17,17 @@ from numpy.typing import NDArray
 
 from tsg_micro.bodies.spheroid import Compression, Spheroid, SpheroidState
 from tsg_micro.data.figure_style import MICRO, STYLE, new_figure, save_figure, tidy
-from tsg_micro.figures.space import View, plot_views
+from tsg_micro.figures.space import View, plot_body
 from tsg_micro.figures.vtu import VtuSeries
 
 __all__ = ["draw_spheroid"]
 
 Array = NDArray[np.float64]
-Seen = tuple[str, float, float]
-"""Who measured, and the least and largest stress of the core over that of the surface."""
 
 _BLUE, _ORANGE, _GREEN, _GREY = "#0072b2", "#d55e00", "#009e73", "0.35"
 
 
-def draw_spheroid(out: Path, result: Compression, seen: Seen) -> None:
+def draw_spheroid(out: Path, result: Compression) -> None:
     """All figures, a VTU file of the members at each level, and spheroid.pvd, whose time is the number of the level."""
     body, records = result.body, result.records
     series = VtuSeries(out / "spheroid.pvd")
@@ -38,7 +36,7 @@ def draw_spheroid(out: Path, result: Compression, seen: Seen) -> None:
     series.close()
     save_figure(_bar_force(body), out / "bar_force.png")
     if len(records) > 1:
-        save_figure(_profile(body, records, seen), out / "radial_stress.png")
+        save_figure(_profile(body, records), out / "radial_stress.png")
         save_figure(_slice(body, records[-1]), out / "slice.png")
         save_figure(_levels(result), out / "levels.png")
     save_figure(_voxels(body, records[-1]), out / "blocks.png")
@@ -47,7 +45,7 @@ def draw_spheroid(out: Path, result: Compression, seen: Seen) -> None:
         View("before", None, records[0].state.members.force),
         View(f"after: {_text(last.level, result.load)}", last.state.displacement, last.state.members.force),
     ]
-    save_figure(plot_views(body.structure, views[: len(records)], width=6.0), out / "body.png")
+    save_figure(plot_body(body.structure, views[: len(records)]), out / "body.png")
 
 
 def _text(level: float, load: str) -> str:
@@ -83,7 +81,7 @@ def _curve(axes: Axes, body: Spheroid, values: Array, colour: str, style: str, l
     )
 
 
-def _profile(body: Spheroid, records: Sequence[SpheroidState], seen: Seen) -> Figure:
+def _profile(body: Spheroid, records: Sequence[SpheroidState]) -> Figure:
     """Normalised radial stress over the radius, and the stress itself before, after, and by how it is counted."""
     before, after = records[0].stress, records[-1].stress
     largest = np.abs(after.cauchy).max()
@@ -93,15 +91,12 @@ def _profile(body: Spheroid, records: Sequence[SpheroidState], seen: Seen) -> Fi
         left.scatter(body.r, np.abs(after.cauchy) / largest, s=14, color="0.7", linewidths=0, label="blocks, after")
         _curve(left, body, np.abs(after.cauchy) / largest, _BLUE, "o-", "mean and scatter, after")
         _curve(left, body, np.abs(before.cauchy) / largest, _GREY, "s--", "before (prestress alone)")
-        source, low, high = seen
-        label = f"{source}: surface over core,\n1/{high:g} to 1/{low:g} at 5 kPa (as a review reports)"
-        ends = [1.0 / high, 1.0 / low]
-        left.plot([0.985, 0.985], ends, color=_ORANGE, linewidth=6, solid_capstyle="butt", label=label)
         left.set(xlim=(0.0, 1.02), ylim=(-0.03, 1.05), xlabel="$r/R$")
         left.set_ylabel(r"$|\sigma_{rr}|\,/\,\max|\sigma_{rr}|$ (Cauchy)")
         _curve(right, body, after.cauchy, _BLUE, "o-", "Cauchy, after")
         _curve(right, body, after.kirchhoff, _GREEN, "^-", "Kirchhoff, after")
-        _curve(right, body, after.cauchy - before.cauchy, "0.0", ":", "Cauchy, after less before")
+        if np.abs(before.cauchy).max() > 1e-3 * largest:  # else the two are one curve
+            _curve(right, body, after.cauchy - before.cauchy, "0.0", ":", "Cauchy, after less before")
         _curve(right, body, after.halves, _ORANGE, "o--", "shared tendons halved, after")
         _curve(right, body, before.halves, _ORANGE, "s:", "shared tendons halved, before")
         right.set(xlim=(0.0, 1.02), xlabel="$r/R$", ylabel=r"radial stress $\sigma_{rr}$ / Pa")

@@ -5,7 +5,6 @@ What was ``measured`` comes as a label and a modulus of the sheet over that of t
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -18,8 +17,20 @@ from numpy.typing import NDArray
 
 from tsg_micro.bodies.sheet import Stretch
 from tsg_micro.bodies.sheet_means import CellStrain, histogram_edges
-from tsg_micro.data.figure_style import FIELD, MICRO, STYLE, block_outlines, new_figure, save_figure, shades, tidy
+from tsg_micro.data.figure_style import (
+    FIELD,
+    MICRO,
+    STYLE,
+    block_outlines,
+    new_figure,
+    plain_log,
+    save_figure,
+    shades,
+    tidy,
+    without_round_off,
+)
 from tsg_micro.equilibrium.members import MemberSystem
+from tsg_micro.figures.parts import part
 from tsg_micro.figures.sheet import plot_sheet
 from tsg_micro.figures.space import View, plot_views
 
@@ -57,15 +68,9 @@ def _before_and_after(out: Path, result: Stretch) -> None:
     height = result.sheet.tissue.cell.height
     ends = structure.nodes[structure.members]
     near = (ends[..., :2] <= height * np.array(_CORNER) * (1 + 1e-9)).all(axis=(1, 2))
-    part = dataclasses.replace(
-        structure,
-        **{
-            name: getattr(structure, name)[near]
-            for name in ("members", "kind", "EA", "rest_length", "shift", "member_cells", "member_places")
-        },
-    )
+    corner = part(structure, near)
     views = [View("before", None, rest[near]), View(after, u, force[near])]
-    save_figure(plot_views(part, views, azimuth=-72.0, elevation=40.0, width=7.5), out / "corner.png")
+    save_figure(plot_views(corner, views, azimuth=-72.0, elevation=40.0, width=7.5), out / "corner.png")
 
 
 def _curve(result: Stretch, modulus: float, measured: Measured) -> Figure:
@@ -100,7 +105,8 @@ def _strain(result: Stretch, cells: CellStrain) -> Figure:
     with mpl.rc_context(STYLE):
         figure = new_figure(17.0, 4.3 + 4.6 * aspect)
         grid = figure.subplots(2, 3, height_ratios=[aspect, 0.75])
-        for (field, histogram), (name, values) in zip(grid.T, cells.components().items(), strict=True):
+        for (field, histogram), (name, strain) in zip(grid.T, cells.components().items(), strict=True):
+            values = 100.0 * without_round_off(strain, 1.0)
             _field(field, shape, name, values, top)
             field.set_title(f"{_LABELS[name]} at {result.steps[-1].strain:.0%} stretch")
             _histogram(histogram, name, values)
@@ -112,7 +118,7 @@ def _strain(result: Stretch, cells: CellStrain) -> Figure:
 def _field(axes: Axes, shape: Array, name: str, values: Array, top: NDArray[np.bool_]) -> None:
     """One strain of the cells on ``top`` as a map; shear is centred at zero."""
     sheared = name == "eps_xy"
-    reach = max(float(np.abs(values).max()), 1e-3)
+    reach = max(float(np.abs(values).max()), 0.1)
     low, high = (-reach, reach) if sheared else histogram_edges(values)[[0, -1]]
     drawn = PolyCollection(list(shape), array=values[top], cmap="RdBu_r" if sheared else FIELD, linewidths=0.1)
     drawn.set_edgecolor("face")
@@ -121,19 +127,19 @@ def _field(axes: Axes, shape: Array, name: str, values: Array, top: NDArray[np.b
     axes.autoscale_view()
     axes.set_aspect("equal")
     axes.set_xlabel(r"$x$ / µm")
-    axes.figure.colorbar(drawn, ax=axes, location="right", shrink=0.85, pad=0.02)
+    axes.figure.colorbar(drawn, ax=axes, location="right", shrink=0.85, pad=0.02, label=f"{_LABELS[name]} / %")
 
 
 def _histogram(axes: Axes, name: str, values: Array) -> None:
     """How many cells have which strain."""
     middle = float(np.median(values))
-    counts, _, _ = axes.hist(values, bins=histogram_edges(values), color=_BLUE)
-    if counts.max() > 50:
-        axes.set_yscale("symlog", linthresh=10.0)  # a few cells among thousands are seen too
+    axes.hist(values, bins=histogram_edges(values), color=_BLUE)
+    axes.set_yscale("log")  # a few cells among thousands are seen too
+    axes.set_ylim(bottom=0.7)
     axes.axvline(middle, color=_RED, linewidth=1.5)
-    axes.set_xlabel(_LABELS[name])
+    axes.set_xlabel(f"{_LABELS[name]} / %")
     means = (("median", middle), ("mean", values.mean()))
-    words = [f"{word} {round(float(value), 3) + 0.0:.3f}" for word, value in means]
+    words = [f"{word} {round(float(value), 1) + 0.0:.1f} %" for word, value in means]
     axes.set_title(", ".join(words), fontsize=12, color="0.3")
     axes.set_axisbelow(True)
     axes.locator_params(axis="x", nbins=6)
@@ -182,6 +188,9 @@ def draw_band(out: Path, band: Sequence[tuple[Stretch, float]], measured: Measur
         for at, style, label in ((0, "o-", "at rest"), (-1, "s-", f"at {results[0].steps[-1].strain:.0%} stretch")):
             ratio = [result.steps[at].tangent_modulus / modulus for result, modulus in band]
             right.loglog(forces, ratio, style, color="0.25", markerfacecolor="white", markersize=7, label=label)
+        right.set_xticks(forces, [f"{force:g}" for force in forces])
+        right.set_xticks([], minor=True)
+        plain_log(right.yaxis)
         right.axhline(measured[1], color=_RED, linestyle=":", linewidth=2, label=measured[0])
         right.set_xlabel("bar force $f_b$ / nN")
         right.set_ylabel("tangent modulus of the sheet\nover apparent modulus of one cell")

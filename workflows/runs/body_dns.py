@@ -229,7 +229,7 @@ def _draw(out: Path, scene: VoxelScene, body: LoadedBody, fields: BlockFields) -
     from tsg_micro.data.figure_style import save_figure
     from tsg_micro.data.slices import plot_slices, slices_of_blocks
     from tsg_micro.figures.shells import plot_shells
-    from tsg_micro.figures.space import View, plot_views
+    from tsg_micro.figures.space import View, plot_body
     from tsg_micro.figures.vtu import write_vtu
 
     structure, edge, members = scene.body.structure, scene.body.tissue.block, body.members
@@ -237,13 +237,12 @@ def _draw(out: Path, scene: VoxelScene, body: LoadedBody, fields: BlockFields) -
     write_vtu(out / "structure.vtu", placed, body.displacement, members)
     rest = body.solver.system.state(np.zeros(body.solver.system.size))
     views = [View("at rest", None, rest.force), View("loaded", body.displacement, members.force)]
-    save_figure(plot_views(placed, views, width=6.0), out / "body.png")
+    save_figure(plot_body(placed, views), out / "body.png")
     stress = to_mandel(fields.kirchhoff / np.linalg.det(fields.F)[:, None, None])
-    shown = {
-        "pressure $p$ (Cauchy)": (pressure(stress), "Pa"),
-        "effective stress $q$ (Cauchy)": (von_mises(stress), "Pa"),
-        "bar force at rest $f_b$": (1e9 * scene.body.bar_force, "nN"),
-    }
+    p, q, force = pressure(stress), von_mises(stress), scene.body.bar_force
+    shown = {"pressure $p$ (Cauchy)": (p, "$p$ / Pa"), "effective stress $q$ (Cauchy)": (q, "$q$ / Pa")}
+    if np.ptp(force) > 0.0:
+        shown["bar force at rest"] = (1e9 * force, "$f_b$ / nN")
     save_figure(plot_slices(slices_of_blocks(fields.midpoint, edge), shown), out / "slices.png")
     radius = ball_radius(fields.midpoint, edge)
     if radius is not None:

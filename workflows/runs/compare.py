@@ -85,7 +85,7 @@ def _of_sheet(solved: dict[str, Any], fields: QuadratureFields, blocks: Dataset)
     """Figures of a sheet, and what draws them."""
     assert blocks.midpoint is not None
     measure, fe2 = blocks.stress_measure, solved["command"] == "fe2"
-    midpoint, outline = fields.midpoint, fields.corners[:, :4, :2]
+    midpoint, outline = fields.midpoint, fields.deformed_corners[:, :4, :2]
     stresses = {"mech": fields.mechanical_stress, "mat": fields.material_stress}
     if len(midpoint) > len(blocks):  # blocks of several elements
         midpoint, outline = blocks.midpoint, block_outlines(blocks.midpoint, single=block_edge(blocks))

@@ -120,12 +120,12 @@ def draw_body(out: Path, solutions: Mapping[str, Array], blocks: Dataset, titles
     first = next(iter(solutions))
     errors = {}
     for symbol, invariant in (("p", pressure), ("q", von_mises)):
-        fields = {f"{title}, ${symbol}$": (invariant(stress), "Pa") for title, stress in everyone.items()}
-        save_figure(plot_slices(slices, fields, same=True), out / f"{symbol}.png")
+        fields = {f"{title}, ${symbol}$": (invariant(stress), f"${symbol}$ / Pa") for title, stress in everyone.items()}
+        save_figure(plot_slices(slices, fields), out / f"{symbol}.png")
         b = invariant(blocks.stress)
         mean_square = float(np.sqrt((b**2).mean())) or 1.0
         size = 100.0 * np.abs(invariant(solutions[first]) - b) / mean_square
-        errors[f"error of ${symbol}$, {titles[first]}"] = (size, "% of r.m.s.")
+        errors[f"error of ${symbol}$, {titles[first]}"] = (size, f"${symbol}$: % of r.m.s.")
     save_figure(plot_slices(slices, errors, cmap="magma"), out / "errors.png")
     radial = _Shells.of(midpoint, edge)
     if radial is not None:

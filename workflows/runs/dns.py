@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from tsg_micro.bodies.sheet import ClampedSheet, Motion, Sheet, SheetStep, memory_needed
-from tsg_micro.bodies.sheet_means import block_data, row_balance
+from tsg_micro.bodies.sheet_means import block_data, block_displacement, row_balance
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.homogenise import BlockFields, block_fields
 from tsg_micro.continuum.response import compressed_tendons
@@ -202,6 +202,8 @@ def _draw(out: Path, body: ClampedSheet, state: Checkpoint, data: Dataset, strai
     write_vtu(out / "structure.vtu", body.structure, state.displacement, members)
     save_figure(plot_sheet(body.structure, state.displacement, members.force), out / "sheet.png")
     save_figure(plot_curve(strains, _stresses(state)), out / "stress_strain.png")
-    fields = {"pressure $p$": (pressure(data.stress), "Pa"), "effective stress $q$": (von_mises(data.stress), "Pa")}
+    p, q = pressure(data.stress), von_mises(data.stress)
+    fields = {"pressure $p$": (p, "$p$ / Pa"), "effective stress $q$": (q, "$q$ / Pa")}
     assert data.midpoint is not None
-    save_figure(plot_blocks(data.midpoint, fields), out / "blocks.png")
+    moved = block_displacement(body.structure, state.displacement)
+    save_figure(plot_blocks(data.midpoint, fields, displacement=moved), out / "blocks.png")

@@ -23,6 +23,7 @@ from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from workflows.runs.edges import in_parts, specs_of
 from workflows.runs.scene import Scene
+from workflows.runs.scene_figures import draw_solution
 from workflows.store.record import drop_summary, peak_memory, write_summary
 
 __all__ = ["MEASURE", "fe2"]
@@ -85,7 +86,7 @@ def fe2(
     if comm.rank == 0:
         summary = write_summary(out, command="fe2", parameters=parameters, figures=figures)
         if plots:
-            _draw(out, solution)
+            draw_solution(out, solution)
     return comm.bcast(summary)
 
 
@@ -107,18 +108,3 @@ def _rve_figures(comm: MPI.Comm, laws: list[RVELaw]) -> dict[str, tuple[Any, str
         "seconds_rve_all_ranks": (float(seconds), "s"),
         "rank_imbalance": (slowest * comm.size / float(seconds), "slowest rank over mean"),
     }
-
-
-def _draw(out: Path, solution: dd.Solution) -> None:
-    """Figures from the written file; rank 0 only, nothing is gathered."""
-    from dd_macro.results.history_figures import history_figures
-    from tsg_micro.data.figure_style import plot_maps, save_figure
-
-    fields = dd.read_quadrature(out / "quadrature.h5")
-    maps = {
-        "pressure $p$": (fields.cell_mean(fields.mechanical_p), "Pa"),
-        "effective stress $q$": (fields.cell_mean(fields.mechanical_q), "Pa"),
-    }
-    save_figure(plot_maps(fields.corners[:, :4, :2], maps), out / "fields.png")
-    for name, figure in history_figures(solution).items():
-        save_figure(figure, out / f"{name}.png")

@@ -10,36 +10,59 @@ import numpy as np
 
 import dd_macro as dd
 from dd_macro.results.history_figures import history_figures
-from tsg_micro.data.figure_style import MICRO, STYLE, new_figure, plot_maps, save_figure, tidy
+from tsg_micro.data.figure_style import (
+    MICRO,
+    ROUND_OFF,
+    STYLE,
+    new_figure,
+    plot_maps,
+    save_figure,
+    tidy,
+    without_round_off,
+)
 from tsg_micro.data.slices import plot_slices, slices_of_cells
 from tsg_micro.figures.hexahedra import plot_hexahedra
 
-__all__ = ["draw_scene"]
+__all__ = ["draw_scene", "draw_solution"]
 
-_FLAT, _ROUND_OFF = 1.5, 1e-9
-"""Thickness over the edge of its elements up to which a body is drawn as a map, and what a distance is that is none."""
+_FLAT = 1.5
+"""Thickness over the edge of its elements up to which a body is drawn as a map."""
+_P, _Q = "pressure $p$", "effective stress $q$"
+_DISTANCE = r"distance / $\sqrt{\mathrm{J/m^3}}$"
+
+
+def draw_solution(out: Path, solution: dd.Solution) -> None:
+    """Write fields.png, space.png of a body in space, and the figures of the method, from quadrature.h5; rank 0 only.
+
+    Bodies are drawn deformed, to scale.
+    """
+    fields = dd.read_quadrature(out / "quadrature.h5")
+    q = fields.cell_mean(fields.mechanical_q)
+    p, material = (
+        without_round_off(fields.cell_mean(values), float(q.max()))
+        for values in (fields.mechanical_p, fields.material_p)
+    )
+    if solution.normalised_distance > ROUND_OFF:
+        shown = {f"{_P}, mechanical": (p, "$p$ / Pa"), f"{_P}, material": (material, "$p$ / Pa")}
+        shown |= {f"{_Q}, mechanical": (q, "$q$ / Pa")}
+        shown |= {"local distance to the data": (fields.cell_mean(fields.local_distance), _DISTANCE)}
+    else:
+        shown = {_P: (p, "$p$ / Pa"), _Q: (q, "$q$ / Pa")}
+    corners, z = fields.deformed_corners, fields.corners[..., 2]
+    if np.ptp(z) <= _FLAT * np.ptp(z, axis=1).max():
+        save_figure(plot_maps(corners[:, :4, :2], shown), out / "fields.png")
+    else:
+        save_figure(plot_slices(slices_of_cells(fields.corners, corners), shown), out / "fields.png")
+        save_figure(plot_hexahedra(corners, p, f"{_P} / Pa"), out / "space.png")
+    for name, figure in history_figures(solution).items():
+        save_figure(figure, out / f"{name}.png")
 
 
 def draw_scene(out: Path, solution: dd.Solution, rows: list[dict[str, Any]]) -> None:
-    """Write fields.png, space.png of a body in space, steps.png where there are several, and those of the method."""
-    fields = dd.read_quadrature(out / "quadrature.h5")
-    shown = {
-        "pressure $p$": (fields.cell_mean(fields.mechanical_p), "Pa"),
-        "effective stress $q$": (fields.cell_mean(fields.mechanical_q), "Pa"),
-    }
-    if solution.normalised_distance > _ROUND_OFF:
-        shown["local distance to the data"] = (fields.cell_mean(fields.local_distance), r"$\sqrt{\mathrm{J/m^3}}$")
-    z = fields.corners[..., 2]
-    if np.ptp(z) <= _FLAT * np.ptp(z, axis=1).max():
-        save_figure(plot_maps(fields.corners[:, :4, :2], shown), out / "fields.png")
-    else:
-        save_figure(plot_slices(slices_of_cells(fields.corners), shown), out / "fields.png")
-        pressure, unit = shown["pressure $p$"]
-        save_figure(plot_hexahedra(fields.corners, pressure, f"pressure $p$ / {unit}"), out / "space.png")
+    """The same of a scene file, and steps.png where its load has several."""
+    draw_solution(out, solution)
     if len(rows) > 1:
         _draw_steps(out, rows)
-    for name, figure in history_figures(solution).items():
-        save_figure(figure, out / f"{name}.png")
 
 
 def _draw_steps(out: Path, rows: list[dict[str, Any]]) -> None:
@@ -52,8 +75,9 @@ def _draw_steps(out: Path, rows: list[dict[str, Any]]) -> None:
     with mpl.rc_context(STYLE):
         figure = new_figure(10.0, 4.2)
         left, right = figure.subplots(1, 2)
-        for axis, column in zip("xyz", moved[side].T, strict=True):
-            left.plot(load, MICRO * column, "o-", label=f"$u_{axis}$")
+        reach = float(np.abs(moved[side]).max())
+        for axis, style, column in zip("xyz", ("o-", "s--", "^:"), moved[side].T, strict=True):
+            left.plot(load, MICRO * without_round_off(column, reach), style, label=f"$u_{axis}$")
         left.set(xlabel="part of the load", ylabel=f"mean displacement of {side} / µm")
         left.legend()
         right.plot(load, 100.0 * np.array([0.0, *(row["volume_change"] for row in rows)]), "o-")

@@ -23,6 +23,7 @@ from workflows.runs.checks import check_limit, judge
 from workflows.runs.edges import data_of, in_parts, inside_of, sampled_places, specs_of
 from workflows.runs.rest import with_rest
 from workflows.runs.scene import Scene, read_material, tissue_of
+from workflows.runs.scene_figures import draw_solution
 from workflows.store.record import drop_summary, peak_memory, write_summary
 
 __all__ = ["solve"]
@@ -175,7 +176,7 @@ def solve(
         parameters = asked.parameters(solution.dataset) | {"max_error": max_error}
         summary = write_summary(out, command="solve", parameters=parameters, figures=figures)
         if plots:
-            _draw(out, solution)
+            draw_solution(out, solution)
     verdict.enforce()
     return comm.bcast(summary)
 
@@ -204,21 +205,3 @@ def _solution(
     say(f"{found.iterations} iterations ({found.reason}), normalised distance {found.normalised_distance:.2%}")
     took = {"seconds": done - begin, "seconds_metric": prepared.seconds_metric, "seconds_setup": ready - begin}
     return found, took, rve
-
-
-def _draw(out: Path, solution: dd.Solution) -> None:
-    """Figures from the written file; rank 0 only, nothing is gathered."""
-    from dd_macro.results.history_figures import history_figures
-    from tsg_micro.data.figure_style import plot_maps, save_figure
-
-    fields = dd.read_quadrature(out / "quadrature.h5")
-    outline = fields.corners[:, :4, :2]
-    maps = {
-        "pressure $p$, mechanical": (fields.cell_mean(fields.mechanical_p), "Pa"),
-        "pressure $p$, material": (fields.cell_mean(fields.material_p), "Pa"),
-        "effective stress $q$, mechanical": (fields.cell_mean(fields.mechanical_q), "Pa"),
-        "local distance": (fields.cell_mean(fields.local_distance), r"$\sqrt{\mathrm{J/m^3}}$"),
-    }
-    save_figure(plot_maps(outline, maps), out / "fields.png")
-    for name, figure in history_figures(solution).items():
-        save_figure(figure, out / f"{name}.png")

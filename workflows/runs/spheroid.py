@@ -108,10 +108,8 @@ def spheroid(
     )
     if plots:
         from tsg_micro.figures.spheroid import draw_spheroid
-        from workflows.experiments import published
 
-        seen = published("dolega_2017")["core_over_surface"]
-        draw_spheroid(out, result, (seen.label, seen.low, seen.high))
+        draw_spheroid(out, result)
     return summary
 
 

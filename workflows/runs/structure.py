@@ -77,10 +77,17 @@ def structure(
     )
     if plots:
         from tsg_micro.data.figure_style import save_figure
-        from tsg_micro.figures.space import plot_structure
+        from tsg_micro.data.voxels import voxel_body
+        from tsg_micro.figures.parts import is_deep
+        from tsg_micro.figures.space import View, plot_body
+        from tsg_micro.figures.voxels import plot_voxels
         from tsg_micro.figures.vtu import write_vtu
 
         system = MemberSystem(built)
         write_vtu(out / "structure.vtu", built, np.zeros_like(built.nodes), system.state(np.zeros(system.size)))
-        save_figure(plot_structure(built), out / "structure.png")
+        save_figure(plot_body(built, [View()], width=8.0), out / "structure.png")
+        if is_deep(built):
+            blocks = voxel_body(built.blocks)
+            shape = plot_voxels(blocks, 2.0 * built.height, np.zeros(len(built.blocks)), ["tissue"])
+            save_figure(shape, out / "blocks.png")
     return summary

@@ -12,7 +12,7 @@ from tsg_micro.cells.parameters import CellParameters
 from tsg_micro.cells.prestress import prestressed
 from tsg_micro.cells.structure import from_arrays
 from tsg_micro.data.errors import InputError
-from tsg_micro.data.figure_style import save_figure
+from tsg_micro.data.figure_style import block_outlines, limits, plot_maps, save_figure
 from tsg_micro.equilibrium.members import MemberSystem
 from tsg_micro.figures.data import plot_blocks, plot_curve
 from tsg_micro.figures.sheet import plot_sheet
@@ -58,6 +58,29 @@ def test_sheet_colours_are_forces(stretched, tmp_path):
     assert 0 < len(zoom.collections[0].get_segments()) < len(segments)
     save_figure(figure, tmp_path / "sheet.png")
     assert imread(tmp_path / "sheet.png")[..., :3].std() > 0.05
+
+
+def test_cells_of_a_large_sheet_have_the_mean_force_of_their_tendons():
+    sheet = prestressed(lattice(box_cells(40, 8, 2), PARAMETERS), PARAMETERS, 1e-8)
+    force = np.where(sheet.bars, -1.0, 1e-9 * sheet.cells[sheet.member_cells[:, 0], 0])
+    whole, zoom = plot_sheet(sheet, 0.1 * sheet.nodes, force).axes
+    (cells,) = whole.collections
+    assert len(cells.get_array()) == 40 * 8
+    left = np.array([path.vertices[:4, 0].min() for path in cells.get_paths()])
+    np.testing.assert_allclose(np.sort(left).reshape(40, 8)[:, 0], 11.0 * np.arange(40), atol=1e-9)
+    rising = cells.get_array()[np.argsort(left, kind="stable")].reshape(40, 8).mean(axis=1)
+    assert (np.diff(rising) > 0).all()
+    assert np.abs(rising - np.arange(40)).max() < 1.0  # shared tendons count with the cell before
+    assert zoom.collections[0].get_segments()
+
+
+def test_fields_of_one_label_share_a_scale():
+    outline = block_outlines(grid(3, 4))
+    fields = {"a": (np.arange(12.0), "p / Pa"), "b": (np.arange(12.0) + 5, "p / Pa"), "c": (np.full(12, 3.0), "q / Pa")}
+    clims = [axes.collections[0].get_clim() for axes in plot_maps(outline, fields).axes[:3]]
+    assert clims[0] == clims[1] == (0.0, 16.0)
+    assert clims[2] == (1.5, 4.5)
+    assert limits([np.array([1.0, 1.0 + 1e-12])]) == pytest.approx((0.5, 1.5))  # round-off is no field
 
 
 def test_sheet_needs_a_lattice_and_its_forces(stretched):

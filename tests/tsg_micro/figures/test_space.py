@@ -16,8 +16,9 @@ from tsg_micro.data.errors import InputError
 from tsg_micro.data.figure_style import save_figure
 from tsg_micro.data.series import write_pvd
 from tsg_micro.data.voxels import voxel_body
-from tsg_micro.figures.sheet import FORCE
-from tsg_micro.figures.space import View, choose_renderer, plot_structure, plot_views
+from tsg_micro.figures.parts import middle_layer
+from tsg_micro.figures.sheet import BAR_WIDTH, FORCE
+from tsg_micro.figures.space import View, choose_renderer, plot_body, plot_structure, plot_views
 from tsg_micro.figures.voxels import plot_voxels
 
 PARAMETERS = CellParameters()
@@ -39,18 +40,35 @@ def lines_of(figure, panel=0):
     return lines
 
 
+def test_deep_bodies_are_drawn_as_their_middle_layer():
+    deep = lattice(box_cells(4, 4, 5), PARAMETERS)
+    force = 1e-12 * np.arange(len(deep.members), dtype=np.float64)
+    figure = plot_body(deep, [View("now", None, force)], renderer="matplotlib")
+    shown = middle_layer(deep)
+    cells = deep.cells[deep.member_cells[shown]][..., 2]
+    assert (cells == 2).any(axis=1).all()
+    assert 0 < shown.sum() < 0.5 * len(deep.members)
+    drawn = np.asarray(lines_of(figure).get_segments())[1::2]
+    assert len(drawn) == shown.sum()
+    low, high = 1e6 * deep.nodes.min(axis=0), 1e6 * deep.nodes.max(axis=0)
+    np.testing.assert_allclose(drawn.min(axis=(0, 1)), low[:2], atol=1e-9)  # seen from above
+    np.testing.assert_allclose(drawn.max(axis=(0, 1)), high[:2], atol=1e-9)
+    thin = lattice(box_cells(5, 5, 2), PARAMETERS)
+    assert len(lines_of(plot_body(thin, [View()], renderer="matplotlib")).get_segments()) == 2 * len(thin.members)
+
+
 def test_lines_are_drawn_to_scale(cell, tmp_path):
     figure = plot_structure(cell, renderer="matplotlib")
     lines = lines_of(figure)
     assert len(lines.get_segments()[1::2]) == 48  # every second one is an edge
     widths, longest = np.asarray(lines.get_linewidths())[1::2], lengths(lines)[1::2]
-    assert (widths == widths.max()).sum() == 12
-    assert widths.max() == 2 * widths.min()
+    assert (widths == widths.min()).sum() == 12  # bars are thinner than tendons
+    assert widths.min() == pytest.approx(BAR_WIDTH * widths.max())
     # a parallel projection shortens, the more the steeper, and never lengthens
     length = 1e6 * cell.rest_length
     assert longest.max() <= length.max() * (1 + 1e-12)
     assert longest.max() > 0.9 * length.max()
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["bar", "square tendon", "edge tendon"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["square tendon", "edge tendon", "bar"]
     bar, label = figure.axes[0].lines[0], figure.axes[0].texts[0].get_text()
     assert label == f"{np.ptp(bar.get_xdata()):g} µm"
     assert figure.axes[0].get_aspect() == 1
@@ -99,10 +117,10 @@ def test_tubes_are_where_the_lines_are():
     z = top - (top - bottom) * (np.arange(dark.shape[0]) + 0.5) / dark.shape[0]
     bar, tendon = dark[:, np.abs(x) < 0.5], dark[:, np.abs(x - 4.0) < 0.5]
     tall = z[tendon.any(axis=1)]
-    assert (tall.min(), tall.max()) == pytest.approx((2.0, 6.0), abs=0.15)
+    assert (tall.min(), tall.max()) == pytest.approx((2.0, 6.0), abs=0.25)
     assert np.ptp(z[bar.any(axis=1)]) == pytest.approx(10.0, abs=0.5)
     pixel = (right - left) / dark.shape[1]
-    thick, thin = (part.sum(axis=1).max() * pixel for part in (bar, tendon))
+    thin, thick = (part.sum(axis=1).max() * pixel for part in (bar, tendon))
     assert thick > 1.5 * thin > 0.05
 
 
@@ -118,7 +136,7 @@ def test_views_share_scale_and_colours(cell, renderer, tmp_path):
     assert before.get_ylim() == after.get_ylim()
     (bar,) = [axes for axes in figure.axes if axes.get_ylabel() == "member force / nN"]
     assert bar._colorbar.mappable.get_clim() == pytest.approx((-2.0, 2.0))
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["bar", "tendon"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["tendon", "bar"]
     for axes in (before, after):  # compressed bars are bluish, tendons reddish
         if renderer == "matplotlib":
             colours = np.asarray(axes.collections[0].get_colors())[1::2, :3]
