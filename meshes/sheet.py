@@ -30,6 +30,11 @@ def flat_sheet(path: str | Path, *, elements: Elements, size: Size, region: Regi
 
     Raises:
         InputError: counts or lengths that are not positive, not one name a cell, or the folder cannot be written.
+
+    Example:
+        >>> meshes.flat_sheet("sheet.msh", elements=(4, 2, 1), size=(8e-5, 4e-5, 2e-5))
+        >>> dd.read_msh("sheet.msh", MPI.COMM_WORLD).global_cells
+        8
     """
     write_mapped(path, elements, size, lambda x: x, region=region)
 
@@ -83,6 +88,11 @@ def box_with_inclusion(
 
     Raises:
         InputError: as :func:`flat_sheet`, or an inclusion that holds no cell, or all.
+
+    Example:
+        >>> meshes.box_with_inclusion("cube.msh", elements=(4, 4, 4), size=(8e-5, 8e-5, 8e-5), radius=2e-5)
+        >>> sorted(dd.read_msh("cube.msh", MPI.COMM_WORLD).regions)
+        ['inclusion', 'matrix']
     """
     check_box(elements, size)
     middle = np.array(size) / 2 if centre is None else np.asarray(centre, dtype=float)
@@ -104,6 +114,11 @@ def quarter_with_hole(path: str | Path, *, elements: Elements, size: Size, radiu
 
     Raises:
         InputError: as :func:`flat_sheet`, or a hole that does not fit.
+
+    Example:
+        >>> meshes.quarter_with_hole("hole.msh", elements=(3, 4, 1), size=(1.2e-4, 1.6e-4, 2e-5), radius=4e-5)
+        >>> sorted(dd.read_msh("hole.msh", MPI.COMM_WORLD).names)
+        ['back', 'bottom', 'front', 'hole', 'left', 'right', 'top']
     """
     check_box(elements, size)
     if not 0 < radius < min(size[:2]):

@@ -49,6 +49,14 @@ def estimate_tangents(dataset: Dataset, *, neighbours: int = 16, metric: Metric 
 
     Raises:
         InputError: a number is out of range, or all data have the same strain.
+
+    Example:
+        >>> strain = np.random.default_rng(0).uniform(-0.02, 0.02, (60, 6))
+        >>> C = dd.isotropic(young=1e3, poisson=0.3).C
+        >>> data = tsg.Dataset(strain, strain @ C, "first_piola", path=np.zeros(60, int), step=np.arange(60))
+        >>> found = dd.estimate_tangents(data, neighbours=20)
+        >>> bool(np.allclose(found.tangent[0], C))
+        True
     """
     if not 3 <= neighbours < len(dataset):
         raise InputError(f"neighbours: expected 3 to {len(dataset) - 1}, less than there are data, got {neighbours}")

@@ -46,6 +46,13 @@ def fit_linear(dataset: Dataset) -> LinearLaw:
     Raises:
         InputError: the strains or stresses are all the same and there are no tangents, or the fit has no positive
             modulus.
+
+    Example:
+        >>> strain = np.random.default_rng(0).uniform(-0.02, 0.02, (60, 6))
+        >>> C = dd.isotropic(young=1e3, poisson=0.3).C
+        >>> data = tsg.Dataset(strain, strain @ C, "first_piola", path=np.zeros(60, int), step=np.arange(60))
+        >>> dd.fit_linear(data).C.round()[0, :3]
+        array([1346.,  577.,  577.])
     """
     E, S, T = dataset.strain, dataset.stress, dataset.tangent
     if T is None and not (np.ptp(E, axis=0).any() and np.ptp(S, axis=0).any()):

@@ -95,6 +95,10 @@ def isotropic(*, young: float, poisson: float) -> Metric:
 
     Raises:
         InputError: they give no positive definite C.
+
+    Example:
+        >>> dd.isotropic(young=1e3, poisson=0.25).C[0].round(1)
+        array([1200.,  400.,  400.,    0.,    0.,    0.])
     """
     if not (np.isfinite(young) and young > 0 and -1 < poisson < 0.5):
         raise InputError(f"young, poisson: expected young > 0 and -1 < poisson < 0.5, got {young} and {poisson}")
@@ -111,6 +115,11 @@ def mean_tangent(dataset: Dataset, weight: Array | None = None) -> Metric:
 
     Raises:
         InputError: the data have no tangents, or weights that are no weights.
+
+    Example:
+        >>> source = tsg.RVESource(tsg.RVESpec.of_kind("bulk", tsg.Tissue(bar_force=1e-8)))
+        >>> dd.mean_tangent(source.states(np.zeros((1, 6)), np.zeros((1, 6)))).C.round()[0, :3]
+        array([1646.,  859.,  859.])
     """
     if dataset.tangent is None:
         raise InputError("data set: expected tangents for this metric, got none")
@@ -128,6 +137,13 @@ def secant_modulus(dataset: Dataset) -> Metric:
 
     Raises:
         InputError: all strains or all stresses are zero.
+
+    Example:
+        >>> strain = np.random.default_rng(0).uniform(-0.02, 0.02, (60, 6))
+        >>> C = dd.isotropic(young=1e3, poisson=0.3).C
+        >>> data = tsg.Dataset(strain, strain @ C, "first_piola", path=np.zeros(60, int), step=np.arange(60))
+        >>> bool(np.allclose(dd.secant_modulus(data).C, C))
+        True
     """
     E, S = dataset.strain[:, dataset.counted], dataset.stress[:, dataset.counted]
     if not E.any() or not S.any():
@@ -166,6 +182,13 @@ def metric_from_dataset(dataset: Dataset) -> Metric:
 
     Raises:
         InputError: the data give no modulus (all zero).
+
+    Example:
+        >>> strain = np.random.default_rng(0).uniform(-0.02, 0.02, (60, 6))
+        >>> C = dd.isotropic(young=1e3, poisson=0.3).C
+        >>> data = tsg.Dataset(strain, strain @ C, "first_piola", path=np.zeros(60, int), step=np.arange(60))
+        >>> dd.metric_from_dataset(data).C.round()[0, :3]
+        array([1346.,  577.,  577.])
     """
     return secant_modulus(dataset) if dataset.tangent is None else mean_tangent(dataset)
 

@@ -29,6 +29,14 @@ class MaterialSearch:
         dataset: strain (N, 6) and stress (N, 6) in Pa; of equal data the first one stands for all.
         metric: the metric of the distance.
         workers: threads of one search; -1 takes all.
+
+    Example:
+        >>> strain = np.random.default_rng(0).uniform(-0.02, 0.02, (60, 6))
+        >>> C = dd.isotropic(young=1e3, poisson=0.3).C
+        >>> data = tsg.Dataset(strain, strain @ C, "first_piola", path=np.zeros(60, int), step=np.arange(60))
+        >>> search = dd.MaterialSearch(data, dd.metric_from_dataset(data))
+        >>> search.nearest(search.metric.whiten(data.strain[:3], data.stress[:3]))[0]
+        array([0, 1, 2])
     """
 
     def __init__(self, dataset: Dataset, metric: Metric, *, workers: int = 1) -> None:

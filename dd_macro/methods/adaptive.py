@@ -123,7 +123,17 @@ class AdaptiveResult(SecondOrderResult):
 
 @dataclass(frozen=True)
 class AdaptiveMethod:
-    """Data as tangent spaces, and more of them from the source of the material."""
+    """Data as tangent spaces, and more of them from the source of the material.
+
+    Example:
+        >>> operator = dd.StrainOperator(dd.box(MPI.COMM_WORLD, elements=(2, 2, 1), size=(4e-5, 4e-5, 2e-5)))
+        >>> problem = dd.Problem(operator, [dd.Displacement("bottom"), dd.Displacement("top", (0.0, 1e-6, 0.0))])
+        >>> tissue = tsg.Tissue(bar_force=1e-8)
+        >>> material = dd.Material(source=tsg.RVESource(tsg.RVESpec.of_kind("sheet", tissue)))
+        >>> solution = dd.AdaptiveMethod(dd.Adaptation(budget=20)).prepare(problem, material).solve()
+        >>> f"{solution.reaction('top')[1]:.1e}"
+        '3.0e-08'
+    """
 
     plan: Adaptation = field(default_factory=Adaptation)
     options: SecondOrderOptions = field(default_factory=SecondOrderOptions)

@@ -146,7 +146,18 @@ class PreparedData:
 
 @dataclass(frozen=True)
 class PointMethod(DataMethod):
-    """A datum is a point (paper, Section 4.1); ``options`` have omega, 1 is the plain iteration."""
+    """A datum is a point (paper, Section 4.1); ``options`` have omega, 1 is the plain iteration.
+
+    Example:
+        >>> operator = dd.StrainOperator(dd.box(MPI.COMM_WORLD, elements=(2, 2, 1), size=(4e-5, 4e-5, 2e-5)))
+        >>> problem = dd.Problem(operator, [dd.Displacement("bottom"), dd.Displacement("top", (0.0, 1e-6, 0.0))])
+        >>> strain = np.random.default_rng(0).uniform(-0.02, 0.02, (500, 6))
+        >>> C = dd.isotropic(young=1e3, poisson=0.3).C
+        >>> data = tsg.Dataset(strain, strain @ C, "first_piola", path=np.zeros(500, int), step=np.arange(500))
+        >>> solution = dd.PointMethod().prepare(problem, dd.Material(data)).solve()
+        >>> solution.converged
+        True
+    """
 
     options: SolverOptions = field(default_factory=lambda: SolverOptions(max_iterations=1000))
     """A metric that is far too stiff needs hundreds of iterations."""

@@ -22,7 +22,16 @@ __all__ = ["LawMethod", "PreparedLaw"]
 
 @dataclass(frozen=True)
 class LawMethod:
-    """``fit`` makes the law of the data; None takes the law of the material. The load is applied in ``steps`` parts."""
+    """``fit`` makes the law of the data; None takes the law of the material. The load is applied in ``steps`` parts.
+
+    Example:
+        >>> operator = dd.StrainOperator(dd.box(MPI.COMM_WORLD, elements=(2, 2, 1), size=(4e-5, 4e-5, 2e-5)))
+        >>> problem = dd.Problem(operator, [dd.Displacement("bottom"), dd.Displacement("top", (0.0, 1e-6, 0.0))])
+        >>> law = dd.LinearLaw(dd.isotropic(young=1e3, poisson=0.3).C, np.zeros(6))
+        >>> solution = dd.LawMethod().prepare(problem, dd.Material(law=law)).solve()
+        >>> f"{solution.reaction('top')[1]:.3e}"
+        '2.226e-08'
+    """
 
     fit: Callable[[Dataset], Law] | None = None
     steps: int = 1

@@ -29,6 +29,11 @@ class Material:
 
     ``metric`` is one of dd_macro.METRICS, or a metric. ``measure`` is the stress to solve in where data are computed,
     that of ``dataset``, or first Piola, if None.
+
+    Example:
+        >>> rve = tsg.RVESpec.of_kind("bulk", tsg.Tissue(bar_force=1e-8))
+        >>> dd.Material(source=tsg.RVESource(rve)).dataset is None  # data are computed where they are needed
+        True
     """
 
     dataset: Dataset | None = None

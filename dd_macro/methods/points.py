@@ -125,6 +125,17 @@ def solve(
     Raises:
         InputError: projection and search have different metrics.
         ConvergenceError: ``max_iterations`` were not enough, or the linear solver failed; it has the history.
+
+    Example:
+        >>> operator = dd.StrainOperator(dd.box(MPI.COMM_WORLD, elements=(2, 2, 1), size=(4e-5, 4e-5, 2e-5)))
+        >>> problem = dd.Problem(operator, [dd.Displacement("bottom"), dd.Displacement("top", (0.0, 1e-6, 0.0))])
+        >>> strain = np.random.default_rng(0).uniform(-0.02, 0.02, (500, 6))
+        >>> C = dd.isotropic(young=1e3, poisson=0.3).C
+        >>> data = tsg.Dataset(strain, strain @ C, "first_piola", path=np.zeros(500, int), step=np.arange(500))
+        >>> metric = dd.metric_from_dataset(data)
+        >>> solution = dd.solve(dd.project(problem, metric), dd.MaterialSearch(data, metric))
+        >>> bool(solution.normalised_distance < 1.0)
+        True
     """
     options = options or SolverOptions()
     if not np.array_equal(projection.metric.C, search.metric.C):

@@ -82,6 +82,14 @@ def check_by_source(
 
     Raises:
         InputError: the stress measure of the solution's data cannot be had of the answers.
+
+    Example:
+        >>> operator = dd.StrainOperator(dd.box(MPI.COMM_WORLD, elements=(2, 2, 1), size=(4e-5, 4e-5, 2e-5)))
+        >>> problem = dd.Problem(operator, [dd.Displacement("bottom"), dd.Displacement("top", (0.0, 1e-6, 0.0))])
+        >>> source = tsg.RVESource(tsg.RVESpec.of_kind("sheet", tsg.Tissue(bar_force=1e-8)))
+        >>> solution = dd.AdaptiveMethod().prepare(problem, dd.Material(source=source)).solve()
+        >>> bool(dd.check_by_source(solution, [source]).error < 0.05)
+        True
     """
     begin = time.perf_counter()
     problem, z = solution.problem, solution.mechanical

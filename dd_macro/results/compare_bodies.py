@@ -59,6 +59,11 @@ def inner_blocks(midpoint: Array, edge: float) -> NDArray[np.bool_]:
     """Which blocks (b,) have no outer face, from their midpoints (b, 3); an axis along which all are one layer is none.
 
     So those of a sheet are the ones that are not at the sides of its plane.
+
+    Example:
+        >>> places = np.stack(np.meshgrid(*(np.arange(n) for n in (4, 3, 1)), indexing="ij"), axis=-1).reshape(-1, 3)
+        >>> int(dd.inner_blocks(2e-5 * (places + 0.5), 2e-5).sum())
+        2
     """
     place = np.rint((midpoint - midpoint.min(axis=0)) / edge).astype(np.int64) + 1
     there = np.zeros(place.max(axis=0) + 2, dtype=bool)

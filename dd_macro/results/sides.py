@@ -17,6 +17,14 @@ def side_displacement(solution: Solution, side: str) -> NDArray[np.float64]:
 
     Raises:
         InputError: there is no such side, or no outer facet on it.
+
+    Example:
+        >>> operator = dd.StrainOperator(dd.box(MPI.COMM_WORLD, elements=(2, 2, 1), size=(4e-5, 4e-5, 2e-5)))
+        >>> problem = dd.Problem(operator, [dd.Displacement("bottom"), dd.Displacement("top", (0.0, 1e-6, 0.0))])
+        >>> law = dd.LinearLaw(dd.isotropic(young=1e3, poisson=0.3).C, np.zeros(6))
+        >>> solution = dd.LawMethod().prepare(problem, dd.Material(law=law)).solve()
+        >>> float(dd.side_displacement(solution, "top")[1].round(9))
+        1e-06
     """
     operator = solution.problem.operator
     facets = SideFacets(operator, side)
@@ -27,7 +35,16 @@ def side_displacement(solution: Solution, side: str) -> NDArray[np.float64]:
 
 
 def volume_change(solution: Solution) -> float:
-    """Change of the body's volume over that at rest: mean of det F - 1 in finite strain, of tr epsilon in small."""
+    """Change of the body's volume over that at rest: mean of det F - 1 in finite strain, of tr epsilon in small.
+
+    Example:
+        >>> operator = dd.StrainOperator(dd.box(MPI.COMM_WORLD, elements=(2, 2, 1), size=(4e-5, 4e-5, 2e-5)))
+        >>> problem = dd.Problem(operator, [dd.Displacement("bottom"), dd.Displacement("top", (0.0, 1e-6, 0.0))])
+        >>> law = dd.LinearLaw(dd.isotropic(young=1e3, poisson=0.3).C, np.zeros(6))
+        >>> solution = dd.LawMethod().prepare(problem, dd.Material(law=law)).solve()
+        >>> round(dd.volume_change(solution), 4)
+        0.0149
+    """
     operator, z = solution.problem.operator, solution.mechanical
     if operator.theory == "small":
         change = z.strain[:, :3].sum(axis=1)

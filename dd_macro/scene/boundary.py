@@ -29,6 +29,12 @@ class Displacement:
     Several sides are the nodes that are on all of them: an edge, a point. ``value`` has one number per entry of
     ``components``, or is a function of coordinates (nodes, 3) in m that gives (nodes, len(components)); ``where`` is
     one that gives a mask (nodes,). Where two sides meet, the condition given later counts.
+
+    Example:
+        >>> all_of_it = dd.Displacement("bottom")
+        >>> pulled = dd.Displacement("top", (1e-6,), (1,))  # its y alone
+        >>> pulled.side, pulled.components
+        ('top', (1,))
     """
 
     side: str | tuple[str, ...]

@@ -101,7 +101,13 @@ class _Enhanced(StrainOperator):
 
 
 class EnhancedStrainOperator(_Enhanced):
-    """B, M and W in small strain: epsilon = B u + M a (n, 6)."""
+    """B, M and W in small strain: epsilon = B u + M a (n, 6).
+
+    Example:
+        >>> body = dd.box(MPI.COMM_WORLD, elements=(2, 2, 1), size=(4e-5, 4e-5, 2e-5))
+        >>> dd.EnhancedStrainOperator(body).weights.shape
+        (32,)
+    """
 
     def strain(self, u: Array) -> Array:
         """Mandel strain (n, 6) at the quadrature points of the unknowns u (3 * nodes + 9 * cells,) in m."""

@@ -33,7 +33,16 @@ class Load(Protocol):
 
 @dataclass(frozen=True)
 class Traction:
-    """Dead traction in Pa on a side, per area at rest."""
+    """Dead traction in Pa on a side, per area at rest.
+
+    Example:
+        >>> operator = dd.StrainOperator(dd.box(MPI.COMM_WORLD, elements=(2, 2, 1), size=(4e-5, 4e-5, 2e-5)))
+        >>> loaded = dd.Problem(operator, [dd.Displacement("left")], [dd.Traction("right", (15.0, 0.0, 0.0))])
+        >>> law = dd.LinearLaw(1e3 * np.eye(6), np.zeros(6))
+        >>> solution = dd.LawMethod().prepare(loaded, dd.Material(law=law)).solve()
+        >>> f"{solution.reaction('left')[0]:.1e}"
+        '-1.2e-08'
+    """
 
     side: str
     value: Value
@@ -51,7 +60,14 @@ class Traction:
 
 @dataclass(frozen=True)
 class BodyForce:
-    """Dead force in N/m^3 at rest in a region of the mesh, or in all of it."""
+    """Dead force in N/m^3 at rest in a region of the mesh, or in all of it.
+
+    Example:
+        >>> operator = dd.StrainOperator(dd.box(MPI.COMM_WORLD, elements=(2, 2, 1), size=(4e-5, 4e-5, 2e-5)))
+        >>> weight = dd.BodyForce((0.0, 0.0, -1e4))
+        >>> f"{weight.nodal_forces(operator).reshape(-1, 3).sum(axis=0)[2]:.3g}"
+        '-3.2e-10'
+    """
 
     value: Value
     region: str | None = None

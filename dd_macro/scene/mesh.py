@@ -98,6 +98,11 @@ def box(comm: MPI.Comm, *, elements: tuple[int, int, int], size: tuple[float, fl
 
     Raises:
         InputError: not three positive integers, or not three positive lengths.
+
+    Example:
+        >>> body = dd.box(MPI.COMM_WORLD, elements=(4, 2, 1), size=(8e-5, 4e-5, 2e-5))
+        >>> body.global_cells
+        8
     """
     if len(elements) != 3 or any(int(n) != n or n < 1 for n in elements):
         raise InputError(f"elements: expected three positive integers, got {elements}")

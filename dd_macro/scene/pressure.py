@@ -44,7 +44,14 @@ class Following(Protocol):
 
 @dataclass(frozen=True)
 class Pressure:
-    """Pressure in Pa on a side, positive from outside."""
+    """Pressure in Pa on a side, positive from outside.
+
+    Example:
+        >>> operator = dd.StrainOperator(dd.box(MPI.COMM_WORLD, elements=(2, 2, 1), size=(4e-5, 4e-5, 2e-5)))
+        >>> squeeze = dd.Pressure("right", 20.0)
+        >>> f"{squeeze.nodal_forces(operator).reshape(-1, 3).sum(axis=0)[0]:.3g}"
+        '-1.6e-08'
+    """
 
     side: str
     value: float

@@ -60,6 +60,11 @@ class StrainOperator:
 
     Raises:
         InputError: another degree.
+
+    Example:
+        >>> operator = dd.StrainOperator(dd.box(MPI.COMM_WORLD, elements=(2, 2, 1), size=(4e-5, 4e-5, 2e-5)))
+        >>> operator.global_dofs, f"{operator.weights.sum():.3g}"
+        (54, '3.2e-14')
     """
 
     components = 6

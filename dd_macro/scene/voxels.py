@@ -48,6 +48,11 @@ def voxel_mesh(
         InputError: as voxel_body; an edge that is not positive, an origin that is not finite; a region without voxels
             or with others; a further side that is called as one that is there, or has no face; voxels that hang
             together at an edge or a corner only.
+
+    Example:
+        >>> body = dd.voxel_mesh(MPI.COMM_WORLD, [[0, 0, 0], [1, 0, 0], [0, 1, 0]], edge=20e-6)
+        >>> body.global_cells, (1e6 * body.extent("right")[1]).round(3)
+        (3, array([40., 20., 20.]))
     """
     if not (np.isfinite(edge) and edge > 0):
         raise InputError(f"edge: expected a positive length in m, got {edge}")

@@ -102,6 +102,11 @@ def indent_cell(tissue: Tissue, forces: Sequence[float] | Array, *, top: str = "
     Raises:
         InputError: the top is not known.
         ConvergenceError: the equilibrium was lost, or the top was pushed through the base.
+
+    Example:
+        >>> found = tsg.indent_cell(tsg.Tissue(bar_force=1e-8), [1e-9, 2e-9])
+        >>> found.displacement.round(8)
+        array([0.0e+00, 3.0e-07, 5.6e-07])
     """
     check_top(top)
     structure, height = tissue.box((1, 1, 1)), tissue.cell.height

@@ -55,6 +55,11 @@ class Sheet:
     Raises:
         InputError: on construction: a count below 1, an odd number of layers in a flat sheet, or a linear solver that
             is not known or not installed.
+
+    Example:
+        >>> sheet = tsg.Sheet((4, 2), tissue=tsg.Tissue(bar_force=1e-8))
+        >>> sheet.cells, sheet.unknowns
+        ((8, 4, 2), 2592)
     """
 
     blocks: tuple[int, int]
@@ -113,6 +118,11 @@ class ClampedSheet:
     """A sheet and where it stands on the path of its load; it begins at rest.
 
     Every equilibrium is stable: an unstable one is left downhill, so a sheet that buckles does.
+
+    Example:
+        >>> sheet = tsg.ClampedSheet(tsg.Sheet((1, 1)))
+        >>> round(sheet.load(0.02).nominal_stress, 1)
+        19.3
     """
 
     def __init__(self, sheet: Sheet, motion: Motion = STRETCH) -> None:
@@ -216,6 +226,11 @@ def stretch_sheet(
 
     Raises:
         ConvergenceError: the equilibrium was lost.
+
+    Example:
+        >>> found = tsg.stretch_sheet(tsg.Sheet((1, 1)), [0.01, 0.02])
+        >>> np.round(found.column("nominal_stress")[1:], 1)
+        array([ 9.6, 19.3])
     """
     begin = time.perf_counter()
     body = ClampedSheet(sheet)

@@ -80,6 +80,11 @@ def build_spheroid(tissue: Tissue, *, radius: float, profile: str, decay: float)
 
     Raises:
         InputError: an argument is not valid.
+
+    Example:
+        >>> body = tsg.build_spheroid(tsg.Tissue(bar_force=5e-8), radius=2, profile="exponential", decay=2.0)
+        >>> (1e9 * np.unique(body.bar_force.round(11))).round(2)
+        array([ 9.52, 21.03])
     """
     cell = tissue.cell
     body = tissue.lattice(spheroid_cells(radius))

@@ -29,6 +29,10 @@ def box_cells(nx: int, ny: int, nz: int) -> NDArray[np.int64]:
 
     Raises:
         InputError: a count is below 1.
+
+    Example:
+        >>> tsg.box_cells(2, 1, 1).tolist()
+        [[0, 0, 0], [1, 0, 0]]
     """
     if min(nx, ny, nz) < 1:
         raise InputError(f"cells: expected three counts of at least 1, got {nx} {ny} {nz}")
@@ -42,6 +46,10 @@ def spheroid_cells(radius: float) -> NDArray[np.int64]:
 
     Raises:
         InputError: the radius is too small for a single block, or not finite.
+
+    Example:
+        >>> len(tsg.spheroid_cells(5))
+        4416
     """
     if not (np.isfinite(radius) and radius >= np.sqrt(0.75)):
         raise InputError(f"radius: expected at least {np.sqrt(0.75):.3f} blocks, got {radius}")
@@ -94,6 +102,11 @@ def lattice(
     Raises:
         InputError: ``cells`` is empty or repeats a cell, or a periodic axis does not hold a full box of an even
             number of cells.
+
+    Example:
+        >>> block = tsg.lattice(tsg.box_cells(2, 2, 2), tsg.CellParameters())
+        >>> len(block.nodes), int(block.bars.sum()), int((~block.bars).sum())
+        (144, 96, 240)
     """
     parameters = parameters or TABLE_1
     cells = np.atleast_2d(np.asarray(cells, dtype=np.int64))
@@ -154,7 +167,14 @@ def lattice(
 
 
 def side_nodes(structure: Structure, axis: int, *, end: Literal["low", "high"]) -> NDArray[np.int64]:
-    """Numbers of the nodes on the flat outer face of a lattice across ``axis`` (0, 1, 2)."""
+    """Numbers of the nodes on the flat outer face of a lattice across ``axis`` (0, 1, 2).
+
+    Example:
+        >>> block = tsg.Tissue().box((2, 2, 2))
+        >>> top = tsg.side_nodes(block, 1, end="high")
+        >>> len(top), float(np.ptp(block.nodes[top, 1]))
+        (16, 0.0)
+    """
     limit = structure.cells[:, axis].min() if end == "low" else structure.cells[:, axis].max() + 1
     return np.flatnonzero(structure.node_keys[:, axis] == unit_of(structure).per_cell * limit)
 

@@ -24,6 +24,11 @@ class CellParameters:
     Raises:
         InputError: on construction, where a value is not positive, r is outside (0, 1), or a length or a modulus is one
             that no member has (below 1 pm, above 1 km; below 1 uPa, above 1e15 Pa).
+
+    Example:
+        >>> cell = tsg.CellParameters(height=8e-6)
+        >>> round(1e6 * cell.EA_tendon, 3)
+        7.854
     """
 
     half_diagonal: float = 0.5

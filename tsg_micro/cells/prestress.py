@@ -52,6 +52,11 @@ def self_stress(structure: Structure) -> SelfStress:
 
     Raises:
         InputError: more members than a dense SVD is meant for.
+
+    Example:
+        >>> found = tsg.self_stress(tsg.Tissue().box((1, 1, 1)))
+        >>> found.states.shape[1], found.mechanisms
+        (1, 19)
     """
     if len(structure.members) > _MOST_MEMBERS:
         raise InputError(
@@ -68,6 +73,13 @@ def with_bar_force(states: Array, structure: Structure, bar_force: float) -> Arr
 
     Raises:
         InputError: no combination of the states gives every bar that force.
+
+    Example:
+        >>> cell = tsg.Tissue().box((1, 1, 1))
+        >>> q = tsg.with_bar_force(tsg.self_stress(cell).states, cell, 1e-8)
+        >>> force = q * np.linalg.norm(tsg.member_vectors(cell), axis=1)
+        >>> (1e9 * force[cell.bars]).round(6)[:2]
+        array([-10., -10.])
     """
     check_bar_force(bar_force, cells=1, EA_bar=np.inf)
     bars = structure.bars
@@ -136,5 +148,12 @@ def prestressed(structure: Structure, parameters: CellParameters, bar_force: Arr
 
     Raises:
         InputError: as :func:`force_density_of_cells`.
+
+    Example:
+        >>> parameters = tsg.CellParameters()
+        >>> bare = tsg.lattice(tsg.box_cells(2, 2, 2), parameters)
+        >>> held = tsg.prestressed(bare, parameters, 1e-8)
+        >>> bool((held.rest_length[held.bars] > bare.rest_length[held.bars]).all())
+        True
     """
     return with_force_density(structure, force_density_of_cells(structure, parameters, bar_force))

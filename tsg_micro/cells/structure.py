@@ -81,7 +81,14 @@ class Structure:
 
 
 def member_vectors(structure: Structure) -> NDArray[np.float64]:
-    """Reference vectors of the members (m, 3), second end minus first, m."""
+    """Reference vectors of the members (m, 3), second end minus first, m.
+
+    Example:
+        >>> cell = tsg.Tissue().box((1, 1, 1))
+        >>> length = np.linalg.norm(tsg.member_vectors(cell), axis=1)
+        >>> np.unique((1e6 * length).round(3)).tolist()
+        [3.536, 3.88, 9.334]
+    """
     i, j = structure.members.T
     return structure.nodes[j] - structure.nodes[i] + structure.shift * structure.size
 
@@ -98,7 +105,14 @@ def unit_of(structure: Structure) -> UnitCell:
 
 
 def equilibrium_matrix(structure: Structure) -> sp.csc_array:
-    """A_eq (3n, m): A_eq q are the nodal forces that hold force densities q, paper Section 2.1."""
+    """A_eq (3n, m): A_eq q are the nodal forces that hold force densities q, paper Section 2.1.
+
+    Example:
+        >>> cell = tsg.Tissue().box((1, 1, 1))
+        >>> A = tsg.equilibrium_matrix(cell)
+        >>> A.shape, int(np.linalg.matrix_rank(A.toarray()))
+        ((72, 48), 47)
+    """
     d = member_vectors(structure)
     m = len(d)
     i, j = (structure.members[:, end, None] * 3 + np.arange(3) for end in (0, 1))
@@ -122,6 +136,17 @@ def from_arrays(
     Raises:
         InputError: shapes do not fit, a value is no number or not positive, a kind is none of 0, 1, 2, a member has no
             length, names no node or comes twice, or a node has no member.
+
+    Example:
+        >>> two = tsg.from_arrays(
+        ...     np.array([[0.0, 0, 0], [1e-5, 0, 0], [2e-5, 0, 0]]),
+        ...     np.array([[0, 1], [1, 2]]),
+        ...     kind=np.array([0, 0]),
+        ...     EA=np.full(2, 1e-6),
+        ...     rest_length=np.full(2, 1e-5),
+        ... )
+        >>> len(two.members)
+        2
     """
     nodes = _numbers("nodes", nodes, "finite coordinates")
     EA, rest_length = _numbers("EA", EA, "positive numbers"), _numbers("rest_length", rest_length, "positive numbers")

@@ -31,6 +31,13 @@ class Tissue:
 
     Raises:
         InputError: on construction, where the bar force is not one positive number that the bars can carry.
+
+    Example:
+        >>> tissue = tsg.Tissue(bar_force=20e-9, cell=tsg.CellParameters(E_tendon=5e6))
+        >>> round(1e6 * tissue.block, 3)
+        20.0
+        >>> tissue.box((2, 2, 2)).nodes.shape
+        (144, 3)
     """
 
     cell: CellParameters = TABLE_1

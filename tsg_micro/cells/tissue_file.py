@@ -44,6 +44,11 @@ def write_tissue(path: str | Path, tissue: Tissue) -> None:
 
     Raises:
         InputError: its law has no name, or the folder cannot be written.
+
+    Example:
+        >>> tsg.write_tissue("tissue.toml", tsg.Tissue(bar_force=2e-8))
+        >>> tsg.read_tissue("tissue.toml").bar_force
+        2e-08
     """
     text = tomli_w.dumps(tissue.as_dict())
     with atomic_path(path) as temporary:

@@ -52,6 +52,13 @@ def unit_cell(half_diagonal: float, *, mirrored: bool = False) -> UnitCell:
 
     Raises:
         InputError: r is outside (0, 1).
+
+    Example:
+        >>> unit = tsg.unit_cell(0.5)
+        >>> int(unit.bars.sum()), int((~unit.bars).sum()), unit.nodes.shape
+        (12, 36, (24, 3))
+        >>> float(unit.force_density[unit.bars][0].round(3))
+        -1.0
     """
     if not 0.0 < half_diagonal < 1.0:
         raise InputError(f"half_diagonal r: expected a number in (0, 1), got {half_diagonal}")

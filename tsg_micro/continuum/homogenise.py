@@ -33,6 +33,12 @@ def cell_gradient(structure: Structure, displacement: Array) -> Array:
 
     Raises:
         InputError: the lattice is periodic (the faces there belong to two cells at once).
+
+    Example:
+        >>> block = tsg.Tissue().box((2, 2, 2))
+        >>> H = tsg.cell_gradient(block, 0.01 * block.nodes)
+        >>> H.shape, H[0].diagonal().round(6)
+        ((8, 3, 3), array([0.01, 0.01, 0.01]))
     """
     if any(structure.periodic):
         raise InputError("structure: expected a lattice without periodic axes")

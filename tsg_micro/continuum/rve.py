@@ -135,6 +135,12 @@ class RVE:
         Raises:
             InputError: ``strain`` is not six finite numbers.
             ConvergenceError: the equilibrium was lost on the way; the RVE stays where it was reached last.
+
+        Example:
+            >>> rve = tsg.build_rve(bar_force=1e-8, free=("xx", "zz", "yz", "xz", "xy"))
+            >>> stress = [rve.solve_strain([0, e, 0, 0, 0, 0]).first_piola[1, 1] for e in (0.01, 0.02)]
+            >>> np.round(stress, 2)
+            array([ 8.93, 19.15])
         """
         strain = np.array(strain, dtype=float)
         if strain.shape != (6,) or not np.isfinite(strain).all():
@@ -267,6 +273,12 @@ def build_rve(
 
     Raises:
         InputError: an argument is not valid; the text names it.
+
+    Example:
+        >>> rve = tsg.build_rve(bar_force=1e-8)  # a block of a sheet: zz, yz and xz are free of stress
+        >>> state = rve.solve_strain([0.0, 0.02, 0.0, 0.0, 0.0, 0.0])
+        >>> state.first_piola.diagonal().round(1), (100 * state.strain[:3]).round(2)
+        (array([10.5, 24.5,  0. ]), array([ 0.  ,  2.  , -1.11]))
     """
     nx, ny, nz = (2 * n for n in blocks)
     structure = Tissue(parameters or TABLE_1, bar_force).box((nx, ny, nz), periodic=periodic, images=images)

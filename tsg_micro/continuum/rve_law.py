@@ -30,6 +30,12 @@ class RVELaw:
     """Symmetric first Piola stress and its tangent of an RVE under a symmetric displacement gradient.
 
     That is the definition of the material data; a datum with free components is one where their stress vanishes.
+
+    Example:
+        >>> law = tsg.RVELaw(tsg.RVESpec(free=()).build())
+        >>> stress, tangent = law.stress_and_tangent(np.zeros((2, 6)))
+        >>> stress.shape, tangent.shape
+        ((2, 6), (2, 6, 6))
     """
 
     def __init__(self, rve: RVE) -> None:

@@ -48,6 +48,13 @@ class RVESource:
         comm: the ranks that share the work; this process alone if None.
         parameters: more of the data set's parameters.
         versions: of the data set.
+
+    Example:
+        >>> source = tsg.RVESource(tsg.RVESpec(free=()))
+        >>> strain = np.array([[0.0, 0.01, 0.0, 0.0, 0.0, 0.0]])
+        >>> data = source.states(strain, strain)
+        >>> len(data), data.tangent.shape
+        (1, (1, 6, 6))
     """
 
     def __init__(

@@ -34,6 +34,11 @@ class RVESpec:
 
     Raises:
         InputError: on construction, where blocks or images are not valid; :meth:`build` checks the others.
+
+    Example:
+        >>> spec = tsg.RVESpec.of_kind("bulk", tsg.Tissue(bar_force=1e-8))
+        >>> spec.build().solve_strain(np.zeros(6)).tangent.round()[0, :3]
+        array([1646.,  859.,  859.])
     """
 
     tissue: Tissue = field(default_factory=Tissue)

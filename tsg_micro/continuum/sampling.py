@@ -37,7 +37,13 @@ SHEET = ("zz", "yz", "xz")
 
 @dataclass(frozen=True)
 class StrainBox:
-    """Ranges of tensor strain components; what is neither sampled nor free is held at zero."""
+    """Ranges of tensor strain components; what is neither sampled nor free is held at zero.
+
+    Example:
+        >>> box = tsg.StrainBox("narrow", {"xx": (-0.01, 0.0), "yy": (0.0, 0.02)})
+        >>> tsg.strain_path(box, steps=5, seed=0, path=0).shape
+        (5, 6)
+    """
 
     name: str
     ranges: dict[str, tuple[float, float]]
@@ -70,7 +76,13 @@ BOXES = {
 
 
 def strain_path(box: StrainBox, *, steps: int, seed: int, path: int) -> Array:
-    """Mandel strains (steps, 6) along loading path number ``path``."""
+    """Mandel strains (steps, 6) along loading path number ``path``.
+
+    Example:
+        >>> strain = tsg.strain_path(tsg.BOXES["stretch"], steps=10, seed=0, path=3)
+        >>> strain.shape, bool((strain[:, 1] >= 0.0).all())
+        ((10, 6), True)
+    """
     random = np.random.default_rng([seed, path])
     low, high = np.array(list(box.ranges.values())).T
     direction = random.uniform(low, high)
@@ -144,7 +156,15 @@ def sample_paths(
     seed: int,
     progress: Callable[[], None] | None = None,
 ) -> list[PathData]:
-    """Follow the paths of the given numbers; ``progress`` is called after each."""
+    """Follow the paths of the given numbers; ``progress`` is called after each.
+
+    Example:
+        >>> rve = tsg.build_rve(bar_force=1e-8)
+        >>> paths = tsg.sample_paths(rve, tsg.BOXES["stretch"], paths=range(2), steps=4, seed=0)
+        >>> data = tsg.join_paths(paths, seed=0, parameters={}, versions={})
+        >>> len(paths), data.strain.shape, data.silent
+        (2, (8, 6), ('yz', 'xz'))
+    """
     done = []
     for path in paths:
         done.append(sample_path(rve, box, steps=steps, seed=seed, path=path))

@@ -99,6 +99,13 @@ class Dataset:
     Raises:
         InputError: on construction, where a shape, a value (NaN, infinity) or the measure is not valid, or a component
             declared silent is unknown or not zero.
+
+    Example:
+        >>> strain = np.array([[0.0, 0.01, 0, 0, 0, 0], [0.0, 0.02, 0, 0, 0, 0]])
+        >>> number = np.arange(2)
+        >>> data = tsg.Dataset(strain, 1e3 * strain, "first_piola", path=0 * number, step=number)
+        >>> len(data), data.stress[:, 1]
+        (2, array([10., 20.]))
     """
 
     strain: Array
@@ -179,7 +186,15 @@ class Dataset:
 
 
 def write_dataset(path: str | Path, dataset: Dataset) -> None:
-    """Write ``dataset`` to the HDF5 file ``path``, whole or not at all, with a digest of its content."""
+    """Write ``dataset`` to the HDF5 file ``path``, whole or not at all, with a digest of its content.
+
+    Example:
+        >>> strain = 0.01 * np.eye(6)
+        >>> number = np.arange(6)
+        >>> tsg.write_dataset("data.h5", tsg.Dataset(strain, 1e3 * strain, "cauchy", path=number, step=0 * number))
+        >>> tsg.read_dataset("data.h5").stress_measure
+        'cauchy'
+    """
 
     def fill(file: h5py.File) -> None:
         file.attrs["format"] = FORMAT
