@@ -122,7 +122,11 @@ def scaled_state(problem: Problem, z: MechanicalState, ratio: float) -> Mechanic
 def in_space[S: Solution](result: S, measure: str = "first_piola") -> S:
     """``result`` with strain sym(F - I) and the stress ``measure``, both states turned to where the body is.
 
-    The stresses are those of the members: what clamps carry is added. A result in small strain is turned by nothing.
+    Strains (n, 6) and stresses (n, 6) in Pa stay Mandel vectors. The stresses are those of the members: what clamps
+    carry is added. A result in small strain is turned by nothing.
+
+    Raises:
+        InputError: no such measure.
     """
     z, support = result.mechanical, result.support
     if not isinstance(z, FiniteState):

@@ -61,7 +61,7 @@ def solve_law(
     options: ReferenceOptions | None = None,
     progress: Callable[[NewtonIteration], None] | None = None,
 ) -> ReferenceResult:
-    """:func:`equilibrium` of the body that is held by ``conditions`` and loaded by ``tractions``."""
+    """:func:`equilibrium` of a body that is held by ``conditions`` and loaded by ``tractions``; raises as that does."""
     problem = Problem(operator, conditions, tractions)
     return equilibrium(problem, law, steps=steps, options=options, progress=progress)
 

@@ -109,7 +109,7 @@ class BodyErrors:
 
 
 def body_errors(stress: Array, reference: Array) -> BodyErrors:
-    """Errors of Mandel stress (n, 6) against ``reference`` (n, 6) of the same blocks, Pa."""
+    """Errors of Mandel stress (n, 6) against ``reference`` (n, 6) of the same blocks, Pa; 1 is all of the reference."""
     size = float(np.linalg.norm(reference))
     apart = np.linalg.norm(stress - reference, axis=0)
     return BodyErrors(

@@ -162,6 +162,8 @@ def compress_spheroid(
 ) -> Compression:
     """Follow the equilibrium of ``body`` from rest through rising ``levels`` (k,) of the load, each one stable.
 
+    A ``pressure`` is in Pa and follows the surface; a ``displacement`` of it is over the distance from the centre.
+
     Where it is lost it ends with what was reached.
 
     Raises:

@@ -167,7 +167,10 @@ def lattice(
 
 
 def side_nodes(structure: Structure, axis: int, *, end: Literal["low", "high"]) -> NDArray[np.int64]:
-    """Numbers of the nodes on the flat outer face of a lattice across ``axis`` (0, 1, 2).
+    """Numbers (k,) of the nodes on the flat outer face of a lattice across ``axis`` (0, 1, 2).
+
+    Raises:
+        InputError: the structure is no lattice.
 
     Example:
         >>> block = tsg.Tissue().box((2, 2, 2))

@@ -31,6 +31,8 @@ def kirchhoff_stress(members: MemberState, volume: float) -> Array:
 def cell_gradient(structure: Structure, displacement: Array) -> Array:
     """Displacement gradient H (c, 3, 3) of every cell of a lattice, from the mean displacement of its six faces.
 
+    ``displacement`` (n, 3) in m is that of the nodes.
+
     Raises:
         InputError: the lattice is periodic (the faces there belong to two cells at once).
 
@@ -69,12 +71,15 @@ class BlockFields:
 def block_fields(
     structure: Structure, displacement: Array, members: MemberState, *, prestress: Array | None = None
 ) -> BlockFields:
-    """Deformation gradient and stress of every block.
+    """Deformation gradient and stress (Pa) of every block (b, 3, 3), from the nodes' ``displacement`` (n, 3) in m.
 
     A member that two cells share carries in each of them the force at rest that this cell gave it, ``prestress``
     (m, 2) in N in the order of ``member_cells``, and half of what has been added since: so a cell at rest has no
     stress, next to whatever neighbour. Without ``prestress`` its whole force counts half in each, which is the same
     where all cells have one bar force.
+
+    Raises:
+        InputError: as :func:`cell_gradient`.
     """
     owned = structure.member_cells >= 0
     own_force = np.zeros(owned.shape) if prestress is None else prestress

@@ -76,7 +76,7 @@ BOXES = {
 
 
 def strain_path(box: StrainBox, *, steps: int, seed: int, path: int) -> Array:
-    """Mandel strains (steps, 6) along loading path number ``path``.
+    """Mandel strains (steps, 6) along loading path number ``path``; each of seed and path gives its own.
 
     Example:
         >>> strain = tsg.strain_path(tsg.BOXES["stretch"], steps=10, seed=0, path=3)
@@ -156,7 +156,9 @@ def sample_paths(
     seed: int,
     progress: Callable[[], None] | None = None,
 ) -> list[PathData]:
-    """Follow the paths of the given numbers; ``progress`` is called after each.
+    """Follow the paths of the given numbers, each of ``steps`` states; ``progress`` is called after each.
+
+    A path where the equilibrium is lost ends there, and says why (``PathData.failure``).
 
     Example:
         >>> rve = tsg.build_rve(bar_force=1e-8)

@@ -188,6 +188,9 @@ class Dataset:
 def write_dataset(path: str | Path, dataset: Dataset) -> None:
     """Write ``dataset`` to the HDF5 file ``path``, whole or not at all, with a digest of its content.
 
+    Raises:
+        InputError: the folder does not exist or cannot be written; an OutputError, one of these, if the disk is full.
+
     Example:
         >>> strain = 0.01 * np.eye(6)
         >>> number = np.arange(6)
@@ -257,7 +260,11 @@ def _counts(name: str, values: NDArray[Any]) -> NDArray[np.int64]:
 
 
 def take(dataset: Dataset, index: NDArray[Any]) -> Dataset:
-    """The points ``index`` (integers or a mask) of ``dataset``, in that order."""
+    """The points ``index``, integers (k,) or a mask (N,), of ``dataset``, in that order.
+
+    Raises:
+        InputError: there are none.
+    """
     return dataclasses.replace(dataset, **{name: array[index] for name, array in dataset.arrays().items()})
 
 
@@ -302,6 +309,9 @@ def append_dataset(path: str | Path, dataset: Dataset) -> Dataset:
     """Add ``dataset`` to the file ``path``, or make it, and return all it holds now; it changes whole or not at all.
 
     Processes that append to one file take turns (tsg_micro.data.files.locked).
+
+    Raises:
+        InputError: as :func:`read_dataset` and :func:`write_dataset`, or the file holds another stress measure.
     """
     path = Path(path)
     with locked(path):
