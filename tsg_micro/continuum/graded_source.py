@@ -19,7 +19,8 @@ from tsg_micro.continuum.rve import RVE
 from tsg_micro.continuum.rve_source import Ranks, RVESource
 from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.continuum.sampling import state_dataset
-from tsg_micro.continuum.warm_states import WarmRVE, WarmStates
+from tsg_micro.continuum.warm_rve import WarmRVE
+from tsg_micro.continuum.warm_states import WarmStates
 from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import ConvergenceError, InputError
 

@@ -16,8 +16,7 @@ thickness of a sheet, does no work on H; it is the support stress, what the memb
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -27,9 +26,11 @@ from tsg_micro.cells.lattice import Images, side_nodes
 from tsg_micro.cells.parameters import TABLE_1, CellParameters
 from tsg_micro.cells.structure import Structure, member_vectors
 from tsg_micro.cells.tissue import Tissue
+from tsg_micro.continuum.rve_tangent import condensed, strain_columns, support_stress, support_tangent
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import BASIS, COMPONENTS, from_mandel, to_mandel
 from tsg_micro.equilibrium.load_path import Equilibrium, EquilibriumSolver
+from tsg_micro.equilibrium.members import MemberState
 from tsg_micro.equilibrium.newton import NewtonOptions
 from tsg_micro.equilibrium.tangent import Border
 
@@ -164,46 +165,21 @@ class RVE:
         if change is not None:
             self.solver.expect(change)
         result = self.solver.solve(H=np.asarray(H, dtype=float), stable=tangent, steps=steps)
-        volume = self.structure.volume
-        stiffness, rate = self._tangent(result) if tangent else (None, None)
-        state = RVEState(
-            F=np.eye(3) + result.H,
-            first_piola=result.macro_force / volume,
-            energy=result.energy / volume,
-            tangent=None if stiffness is None else stiffness / volume,
-            equilibrium=result,
-            rate=rate,
-        )
-        return self._with_supports(state) if any(self.held) else state
-
-    def _with_supports(self, state: RVEState) -> RVEState:
-        """The state with what its clamps carry: all that the members' mean stress holds beside P."""
-        volume, L = self.structure.volume, self.solver.system.reference
-        members = state.equilibrium.members
-        force = members.force_density[:, None] * members.vector
-        carried = np.einsum("ma,mb->ab", force, L) / volume - state.first_piola
-        if state.rate is None or state.tangent is None:
-            return dataclasses.replace(state, support_stress=carried)
-        change = self.solver.system.member_forces(members, state.rate)  # (m, 3, 6)
-        mean = to_mandel(np.einsum("mak,mb->kab", change, L) / volume).T
-        return dataclasses.replace(state, support_stress=carried, support_tangent=mean - state.tangent)
-
-    def _tangent(self, result: Equilibrium) -> tuple[Array, Array]:
-        """Second derivative (6, 6) of the energy by symmetric H, J, with the factor that the solver holds; the rate."""
-        solver, newton = self.solver, self.solver.newton
-        m, a = solver.system.nodal_size, newton.border.constraint
-        factor = solver.tangent().factor
-        macro = np.zeros((solver.system.size, 6))
-        macro[m:] = BASIS.reshape(6, 9).T
-        ax, am = a[:, newton.free], a[:, m:] @ macro[m:]
-        product = solver.system.tangent_product(result.members, macro)
-        solved = factor.solve(np.column_stack([-product[newton.free], ax.T]))
-        dx, lever = solved[:, :6], solved[:, 6:]
-        multipliers = np.linalg.solve(ax @ lever, ax @ dx + am) if len(a) else np.zeros((0, 6))
-        macro[newton.free] = dx - lever @ multipliers
-        moment = solver.system.tangent_product(result.members, macro)[m:] + a[:, m:].T @ multipliers
-        tangent = BASIS.reshape(6, 9) @ moment
-        return 0.5 * (tangent + tangent.T), macro
+        volume, system = self.structure.volume, self.solver.system
+        members = MemberState(*(getattr(result.members, field.name)[..., None] for field in fields(MemberState)))
+        first_piola = result.macro_force / volume
+        state = RVEState(np.eye(3) + result.H, first_piola, result.energy / volume, None, result)
+        if any(self.held):
+            state = replace(state, support_stress=support_stress(system, members, first_piola[None])[0])
+        if not tangent:
+            return state
+        newton, factor = self.solver.newton, self.solver.tangent().factor
+        moduli, rate = condensed(newton, members, factor.solve(strain_columns(newton, members)[0])[None])
+        state = replace(state, tangent=moduli[0] / volume, rate=rate[0])
+        if any(self.held):
+            (its_tangent,) = support_tangent(system, members, moduli / volume, rate)
+            state = replace(state, support_tangent=its_tangent)
+        return state
 
 
 def _clamps(structure: Structure, held: tuple[bool, bool, bool]) -> tuple[NDArray[np.bool_], Array]:

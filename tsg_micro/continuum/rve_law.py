@@ -16,8 +16,9 @@ from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
 from tsg_micro.continuum.rve import RVE
-from tsg_micro.continuum.warm_states import WarmRVE, WarmStates
-from tsg_micro.data.errors import ConvergenceError, InputError
+from tsg_micro.continuum.warm_rve import WarmRVE
+from tsg_micro.continuum.warm_states import WarmStates
+from tsg_micro.data.errors import ConvergenceError
 
 __all__ = ["RVELaw", "solution_tree"]
 
@@ -74,21 +75,24 @@ class RVELaw:
     def _update(self, states: WarmStates, strain: Array) -> None:
         """Bring every state to within ``_SAME`` of its strain."""
         moving = np.flatnonzero(_distance(strain, states.strain) > _SAME)
-        order, parent = solution_tree(strain[moving], states.strain[moving])
-        for k in order:
-            i = moving[k]
-            source = i if parent[k] < 0 else moving[parent[k]]
-            if _distance(strain[i], states.strain[source]) <= _SAME:
-                states.put(i, states, source)
-            else:
-                states.put(i, self._solve(states, source, strain[i]), 0)
+        _, parent = solution_tree(strain[moving], states.strain[moving])
+        solved, left = np.zeros(len(moving), dtype=bool), np.arange(len(moving))
+        while len(left):  # generation by generation, each at once
+            next_ones = (parent[left] < 0) | solved[parent[left]]
+            k, left = left[next_ones], left[~next_ones]
+            self._step(states, strain[moving[k]], moving[k], moving[np.where(parent[k] < 0, k, parent[k])])
+            solved[k] = True
 
-    def _solve(self, states: WarmStates, source: int, strain: Array) -> WarmStates:
-        """The state at ``strain``, from that in place ``source``."""
-        try:
-            return self._warm.solve(strain, states, source)
-        except (ConvergenceError, InputError) as error:  # inside out: a trial that went too far
-            raise ConvergenceError(f"RVE at strain {np.array2string(strain, precision=4)}: {error}") from None
+    def _step(self, states: WarmStates, strain: Array, places: Index, sources: Index) -> None:
+        """Put states at ``strain`` into ``places``, from those in the places ``sources``."""
+        same = _distance(strain, states.strain[sources]) <= _SAME
+        states.put(places[same], states.take(sources[same]))
+        found, reached, failures = self._warm.solve_many(strain[~same], states.take(sources[~same]))
+        states.put(places[~same][reached], found)
+        if failures:
+            first = min(failures)
+            lost = np.array2string(strain[~same][first], precision=4)
+            raise ConvergenceError(f"RVE at strain {lost}: {failures[first]}")
 
 
 def solution_tree(strain: Array, previous: Array) -> tuple[Index, Index]:

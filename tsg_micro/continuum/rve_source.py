@@ -13,9 +13,10 @@ from threadpoolctl import threadpool_limits
 
 from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.continuum.sampling import state_dataset
-from tsg_micro.continuum.warm_states import WarmRVE, WarmStates
+from tsg_micro.continuum.warm_rve import WarmRVE
+from tsg_micro.continuum.warm_states import WarmStates
 from tsg_micro.data.dataset import Dataset
-from tsg_micro.data.errors import ConvergenceError, InputError
+from tsg_micro.data.errors import InputError
 
 __all__ = ["RVESource", "Ranks"]
 
@@ -115,24 +116,30 @@ class RVESource:
         of ``origins`` (k, 6), a few times; None where that does not help. So the ranks do not decide what is found.
         """
         strains, origins = np.reshape(strains, (-1, 6)), np.reshape(origins, (-1, 6))
-        mine = {}
+        mine = np.arange(self.comm.rank, len(strains), self.comm.size)
         with threadpool_limits(1):
-            for k in range(self.comm.rank, len(strains), self.comm.size):
-                parts = (origins[k] + part * (strains[k] - origins[k]) for part in 0.5 ** np.arange(_SHORTER))
-                mine[k] = next((state for strain in parts if (state := self._reach(strain)) is not None), None)
-        found = {k: state for part in self.comm.allgather(mine) for k, state in part.items()}
+            reached = self._reach(strains[mine], origins[mine])
+        parts = self.comm.allgather(dict(zip(mine.tolist(), reached, strict=True)))
+        found = {k: state for part in parts for k, state in part.items()}
         states = [found[k] for k in range(len(strains))]
         new = [state for state in states if state is not None and state.strain.any()]
         self.known = WarmStates.join([self.known, *new])
         return states
 
-    def _reach(self, strain: Array) -> WarmStates | None:
-        if not strain.any():
-            return self.rve.reference
-        nearest = int(np.linalg.norm(strain - self.known.strain, axis=1).argmin())
-        for source in dict.fromkeys((nearest, 0)):
-            try:
-                return self.rve.solve(strain, self.known, source)
-            except (ConvergenceError, InputError):  # the latter: inside out
-                continue
-        return None
+    def _reach(self, strains: Array, origins: Array) -> list[WarmStates | None]:
+        """What is reached of ``strains``, here alone."""
+        found: list[WarmStates | None] = [None] * len(strains)
+        for part in 0.5 ** np.arange(_SHORTER):
+            wanted = origins + part * (strains - origins)
+            apart = np.linalg.norm(wanted[:, None] - self.known.strain, axis=2)
+            nearest = apart.argmin(axis=1)
+            for sources in (nearest, np.zeros_like(nearest)):
+                left = [k for k, state in enumerate(found) if state is None and (sources is nearest or nearest[k])]
+                for k in left:
+                    if not wanted[k].any():
+                        found[k] = self.rve.reference
+                left = [k for k in left if found[k] is None]
+                states, reached, _ = self.rve.solve_many(wanted[left], self.known.take(sources[left]))
+                for i, k in enumerate(reached):
+                    found[left[k]] = states.take([i])
+        return found

@@ -15,7 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tsg_micro.continuum.rve import RVE, RVEState
+from tsg_micro.continuum.rve import RVE
+from tsg_micro.continuum.warm_rve import WarmRVE
+from tsg_micro.continuum.warm_states import WarmStates
 from tsg_micro.data.dataset import Dataset, zero_components
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.mandel import COMPONENTS, to_mandel
@@ -25,7 +27,6 @@ __all__ = [
     "PathData",
     "StrainBox",
     "join_paths",
-    "sample_path",
     "sample_paths",
     "state_dataset",
     "strain_path",
@@ -119,34 +120,6 @@ class PathData:
     support_tangent: Array | None = None
 
 
-def sample_path(rve: RVE, box: StrainBox, *, steps: int, seed: int, path: int) -> PathData:
-    """Follow one path; where the equilibrium is lost it is cut, with the reason."""
-    rve.reset()
-    states: list[RVEState] = []
-    failure = None
-    for strain in strain_path(box, steps=steps, seed=seed, path=path):
-        try:
-            states.append(rve.solve_strain(strain))
-        except ConvergenceError as error:
-            failure = str(error)
-            break
-    clamps = {}
-    if any(rve.held):
-        clamps["support"] = to_mandel(np.array([state.support_stress for state in states]).reshape(-1, 3, 3))
-        clamps["support_tangent"] = np.array([state.support_tangent for state in states]).reshape(-1, 6, 6)
-    return PathData(
-        path=path,
-        F=np.array([state.F for state in states]).reshape(-1, 3, 3),
-        first_piola=np.array([state.first_piola for state in states]).reshape(-1, 3, 3),
-        energy=np.array([state.energy for state in states]),
-        tangent=np.array([state.tangent for state in states]).reshape(-1, 6, 6),
-        negative_pivots=max((state.equilibrium.negative_pivots or 0 for state in states), default=0),
-        failure=failure,
-        free=box.free,
-        **clamps,
-    )
-
-
 def sample_paths(
     rve: RVE,
     box: StrainBox,
@@ -156,9 +129,10 @@ def sample_paths(
     seed: int,
     progress: Callable[[], None] | None = None,
 ) -> list[PathData]:
-    """Follow the paths of the given numbers, each of ``steps`` states; ``progress`` is called after each.
+    """Follow the paths of the given numbers, each of ``steps`` states, all at once.
 
-    A path where the equilibrium is lost ends there, and says why (``PathData.failure``).
+    A path where the equilibrium is lost ends there, and says why (``PathData.failure``). ``progress`` is called for
+    each when all are done.
 
     Example:
         >>> rve = tsg.build_rve(bar_force=1e-8)
@@ -167,12 +141,47 @@ def sample_paths(
         >>> len(paths), data.strain.shape, data.silent
         (2, (8, 6), ('yz', 'xz'))
     """
+    numbers = list(paths)
+    try:
+        warm = WarmRVE(rve)
+    except ConvergenceError as error:
+        return [_path_data(path, rve, box, [], str(error)) for path in numbers]
+    strain = np.array([strain_path(box, steps=steps, seed=seed, path=path) for path in numbers]).reshape(-1, steps, 6)
+    on, states = np.arange(len(numbers)), warm.reference.take([0] * len(numbers))
+    found: list[list[WarmStates]] = [[] for _ in numbers]
+    failures: dict[int, str] = {}
+    for step in range(steps):
+        states, reached, lost = warm.solve_many(strain[on, step], states)
+        failures |= {int(on[k]): text for k, text in lost.items()}
+        on = on[reached]
+        for k, place in enumerate(on):
+            found[place].append(states.take([k]))
     done = []
-    for path in paths:
-        done.append(sample_path(rve, box, steps=steps, seed=seed, path=path))
+    for k, path in enumerate(numbers):
+        done.append(_path_data(path, rve, box, found[k], failures.get(k)))
         if progress:
             progress()
     return done
+
+
+def _path_data(path: int, rve: RVE, box: StrainBox, states: list[WarmStates], failure: str | None) -> PathData:
+    """What the ``states`` of one path say; there may be none."""
+
+    def all_of(name: str, *shape: int) -> Array:
+        return np.array([getattr(state, name)[0] for state in states]).reshape(-1, *shape)
+
+    clamps = {"support": all_of("support", 6), "support_tangent": all_of("support_tangent", 6, 6)}
+    return PathData(
+        path=path,
+        F=all_of("F", 3, 3),
+        first_piola=all_of("first_piola", 3, 3),
+        energy=all_of("energy"),
+        tangent=all_of("tangent", 6, 6),
+        negative_pivots=max((int(state.negative_pivots[0]) for state in states), default=0),
+        failure=failure,
+        free=box.free,
+        **(clamps if any(rve.held) else {}),
+    )
 
 
 def join_paths(

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from tsg_micro.continuum.rve import RVE, RVEState
 from tsg_micro.data.mandel import to_mandel
 
-__all__ = ["Effort", "WarmRVE", "WarmStates"]
+__all__ = ["Effort", "WarmStates"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -33,6 +33,12 @@ class Effort:
     """Newton iterations of the RVEs."""
     factorisations: int = 0
     seconds: float = 0.0
+
+    def add(self, solves: int, iterations: int, factorisations: int) -> None:
+        """More that was done."""
+        self.solves += solves
+        self.iterations += iterations
+        self.factorisations += factorisations
 
     def numbers(self) -> Array:
         """All of it as an array, which can be summed over ranks."""
@@ -97,41 +103,12 @@ class WarmStates:
         """The states of these numbers."""
         return WarmStates(*(getattr(self, field.name)[index] for field in fields(self)))
 
-    def put(self, i: int, other: WarmStates, k: int) -> None:
-        """State k of ``other`` in place i."""
+    def put(self, index: Index, other: WarmStates) -> None:
+        """The states ``other`` in these places."""
         for field in fields(self):
-            getattr(self, field.name)[i] = getattr(other, field.name)[k]
+            getattr(self, field.name)[index] = getattr(other, field.name)
 
     @classmethod
     def join(cls, parts: list[WarmStates]) -> WarmStates:
         """All states of ``parts``, of which there is one at least."""
         return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
-
-
-class WarmRVE:
-    """An RVE without free components that goes from any known state to the next; ``effort`` counts what it did."""
-
-    def __init__(self, rve: RVE) -> None:
-        """``rve`` is moved about.
-
-        Raises:
-            ConvergenceError: it has no equilibrium in its reference state.
-        """
-        self.rve, self.effort = rve, Effort()
-        rve.reset()
-        self.reference = WarmStates.of(rve.solve_strain(np.zeros(6)), rve)
-
-    def solve(self, strain: Array, states: WarmStates, k: int) -> WarmStates:
-        """The state at ``strain`` (6,), from state k of ``states``.
-
-        Raises:
-            ConvergenceError: the equilibrium was lost on the way.
-            InputError: the strain is inside out.
-        """
-        solver = self.rve.solver
-        solver.move_to(states.unknowns[k], np.zeros(solver.system.nodal_size))
-        state = self.rve.solve_strain(strain, rate=states.rate[k].astype(float))
-        self.effort.solves += 1
-        self.effort.iterations += state.equilibrium.iterations
-        self.effort.factorisations += state.equilibrium.factorisations
-        return WarmStates.of(state, self.rve)

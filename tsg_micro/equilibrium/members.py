@@ -5,10 +5,13 @@ gradient H); H moves members that end at a periodic image or at a side that it t
 member law gives energy, force t and stiffness dt/dl, by default EA (l - l0)^2 / (2 l0), EA (l - l0) / l0 and EA / l0;
 the force density is q = t / l, and the tangent of t d / l is q 1 + (dt/dl - q) n (x) n: K_G + K_E of the paper's
 Section 2.1, exact and symmetric.
+
+All of it takes many states at once: y (3n + 9, b) gives arrays with a last axis of b more.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +19,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from tsg_micro.cells.laws.linear import NoCompression
+from tsg_micro.cells.member_law import Members
 from tsg_micro.cells.structure import Structure, member_vectors
 
 __all__ = ["MACRO", "MemberState", "MemberSystem", "NodalPattern"]
@@ -83,13 +87,22 @@ class MemberSystem:
             shape=(3 * m, self.size),
         )
         self.DT = self.D.T.tocsr()
+        self.moved = at
+        """Members that H moves (k,)."""
+        rows = (3 * at[:, None] + axes).ravel()
+        self._moved, self._moved_T = self.D[rows], self.DT[:, rows]
 
     def state(self, y: Array) -> MemberState:
         """Vectors, lengths, forces and stiffness of the members at y."""
-        d = self.reference + (self.D @ y).reshape(-1, 3)
-        length = np.sqrt(np.einsum("ij,ij->i", d, d))
-        given = (length, self.rest_length, self.material)
-        return MemberState(d, length, self.law.force(*given), self.law.stiffness(*given))
+        many = y.shape[1:]
+        d = self.reference[(..., *(None for _ in many))] + (self.D @ y).reshape(-1, 3, *many)
+        length = np.sqrt((d * d).sum(axis=1))
+        count = math.prod(many)  # laws take the members one by one
+        rest = np.repeat(self.rest_length, count)
+        material = Members(np.repeat(self.material.EA, count), np.repeat(self.material.bar, count))
+        given = (length.ravel(), rest, material)
+        force, stiffness = (answer(*given).reshape(length.shape) for answer in (self.law.force, self.law.stiffness))
+        return MemberState(d, length, force, stiffness)
 
     def energy(self, state: MemberState) -> float:
         """Stored energy, J."""
@@ -97,30 +110,51 @@ class MemberSystem:
 
     def gradient(self, state: MemberState) -> Array:
         """Derivative of the energy by y (3n + 9,): nodal forces in N, then V0 P in J."""
-        return np.asarray(self.DT @ (state.force_density[:, None] * state.vector).ravel())
+        force = state.force_density[:, None] * state.vector
+        return np.asarray(self.DT @ force.reshape(-1, *force.shape[2:]))
 
     def tangent_product(self, state: MemberState, directions: Array) -> Array:
-        """Second derivative of the energy times ``directions`` (3n + 9, k)."""
+        """Second derivative of the energy times ``directions`` (3n + 9, k), of many states (3n + 9, k, b)."""
         change = self.member_forces(state, directions)
-        return np.asarray(self.DT @ change.reshape(3 * len(change), -1))
+        return np.asarray(self.DT @ change.reshape(3 * len(change), -1)).reshape(-1, *change.shape[2:])
 
     def member_forces(self, state: MemberState, directions: Array) -> Array:
-        """Change (m, 3, k) of the force vectors t n along ``directions`` (3n + 9, k)."""
-        q, n = state.force_density, state.vector / state.length[:, None]
-        change = (self.D @ directions).reshape(len(q), 3, -1)
-        along = np.einsum("ma,mak->mk", n, change)
-        return q[:, None, None] * change + ((state.stiffness - q)[:, None] * along)[:, None, :] * n[:, :, None]
+        """Change (m, 3, k) of the force vectors t n along ``directions`` (3n + 9, k), of many states (3n + 9, k, b)."""
+        return _force_change(state, self.D, directions)
+
+    def macro_product(self, state: MemberState, directions: Array) -> Array:
+        """As :meth:`tangent_product`, of ``directions`` in which H moves alone."""
+        change = _force_change(self._of_moved(state), self._moved, directions)
+        return np.asarray(self._moved_T @ change.reshape(3 * len(change), -1)).reshape(-1, *change.shape[2:])
+
+    def macro_part(self, state: MemberState, directions: Array) -> Array:
+        """The last nine rows, those of H, of :meth:`tangent_product`."""
+        change = _force_change(self._of_moved(state), self._moved, directions)
+        rows = self._moved_T[self.nodal_size :]
+        return np.asarray(rows @ change.reshape(3 * len(change), -1)).reshape(-1, *change.shape[2:])
+
+    def _of_moved(self, state: MemberState) -> MemberState:
+        given = (state.vector, state.length, state.force, state.stiffness)
+        return MemberState(*(part[self.moved] for part in given))
 
     def member_blocks(self, state: MemberState) -> Array:
         """Member tangents q 1 + (dt/dl - q) n (x) n (m, 9), N/m."""
         q, n = state.force_density, state.vector / state.length[:, None]
         blocks = (state.stiffness - q)[:, None, None] * n[:, :, None] * n[:, None, :]
         blocks[:, [0, 1, 2], [0, 1, 2]] += q[:, None]
-        return blocks.reshape(-1, 9)
+        return blocks.reshape(-1, 9, *q.shape[1:])
 
     def pair_blocks(self, state: MemberState) -> Array:
         """What ``pairs`` add to the tangent (p, 9), N/m: second derivatives by the first node and the second."""
         return np.zeros((len(self.pairs), 9))
+
+
+def _force_change(state: MemberState, D: sp.csr_array, directions: Array) -> Array:
+    """Change (m, 3, k) of the force vectors t n of the members whose rows D has."""
+    q, n = state.force_density, state.vector / state.length[:, None]
+    change = (D @ directions.reshape(len(directions), -1)).reshape(len(q), 3, *directions.shape[1:])
+    along = (n[:, :, None] * change).sum(axis=1)
+    return np.asarray(q[:, None, None] * change + ((state.stiffness - q)[:, None] * along)[:, None] * n[:, :, None])
 
 
 class NodalPattern:
@@ -168,4 +202,5 @@ class NodalPattern:
         """Values (nnz,) of the upper triangle from member tangents (m, 9) and blocks of the pairs (p, 9), N/m."""
         if pair_blocks is not None:
             member_blocks = np.concatenate([member_blocks, pair_blocks])
-        return np.asarray((self._sum @ member_blocks).ravel()[self._source])
+        summed = self._sum @ member_blocks.reshape(len(member_blocks), -1)
+        return np.asarray(summed.reshape(-1, *member_blocks.shape[2:])[self._source])

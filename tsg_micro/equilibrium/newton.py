@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsg_micro.data.errors import ConvergenceError
+from tsg_micro.equilibrium.balance import Balance, times
 from tsg_micro.equilibrium.iteration import Converged, Iteration, NewtonOptions
 from tsg_micro.equilibrium.linear_solvers import Choice, SymmetricSolver, choose_backend, make_solver
 from tsg_micro.equilibrium.members import MACRO, MemberState, MemberSystem, NodalPattern
@@ -42,10 +43,20 @@ class NewtonSolver:
         self.solver: SymmetricSolver = make_solver(self.pattern.indptr, self.pattern.indices, self.choice.backend)
         self.factorisations = 0
         m = system.nodal_size
-        a = self.border.constraint
-        self._lever = np.concatenate([a[:, self.free].T, (a[:, m:] @ self.border.macro).T, np.zeros((len(a), len(a)))])
+        self.balance = Balance(system, self.free, self.border, options.tolerance)
         self._macro_directions = np.zeros((system.size, self.border.macro.shape[1]))
         self._macro_directions[m:] = self.border.macro
+
+    def matrix(self, state: MemberState, *, shift: float = 0.0) -> Array:
+        """Upper triangle (nnz,) of the nodal tangent at ``state``, with ``shift`` added to its diagonal, N/m."""
+        pairs = self.system.pair_blocks(state) if len(self.system.pairs) else None
+        values = self.pattern.assemble(self.system.member_blocks(state), pairs)
+        if shift:
+            values[self.pattern.diagonal] += shift
+        if self.border.held is not None:
+            held = np.searchsorted(self.free, self.border.held)
+            values[self.pattern.diagonal[held]] += 1e-8 * np.abs(values[self.pattern.diagonal]).mean(axis=0)
+        return values
 
     def tangent(self, state: MemberState, *, shift: float = 0.0) -> Tangent:
         """Factor the tangent at ``state``, with ``shift`` added to its diagonal.
@@ -53,57 +64,46 @@ class NewtonSolver:
         Raises:
             ConvergenceError: it has no finite factor.
         """
-        values = self.pattern.assemble(self.system.member_blocks(state), self.system.pair_blocks(state))
-        if shift:
-            values[self.pattern.diagonal] += shift
-        if self.border.held is not None:
-            held = np.searchsorted(self.free, self.border.held)
-            values[self.pattern.diagonal[held]] += 1e-8 * np.abs(values[self.pattern.diagonal]).mean()
+        values = self.matrix(state, shift=shift)
         factor = self.solver.factorise(values)
         self.factorisations += 1
-        k, c = self.border.macro.shape[1], len(self.border.constraint)
-        coupling = np.zeros((self.pattern.size, k + c))
-        schur = np.zeros((k + c, k + c))
-        negative = factor.negative_pivots
-        if k + c == 0:
-            return Tangent(factor, coupling, coupling, schur, negative)
-        if k:
-            product = self.system.tangent_product(state, self._macro_directions)
-            coupling[:, :k] = product[self.free]
-            schur[:k, :k] = self._macro_directions.T @ product
-        if c:
-            coupling[:, k:] = self.border.constraint[:, self.free].T
-            schur[k:, :k] = self.border.constraint[:, self.system.nodal_size :] @ self.border.macro
-            schur[:k, k:] = schur[k:, :k].T
+        coupling, schur = self.coupling(state)
+        if self.border.size == 0:
+            return Tangent(factor, coupling, coupling, schur, factor.negative_pivots)
         solved = factor.solve(coupling)
         schur -= coupling.T @ solved
         if not np.isfinite(schur).all():
             raise ConvergenceError("equilibrium: the tangent is not finite")
-        # On the constrained unknowns: each multiplier takes one negative eigenvalue of the bordered matrix. Rows are
-        # in J and in m/N; on one scale, which keeps the signs, rounding of the large ones does not make the small ones.
-        stiffness = np.sqrt(np.abs(values[self.pattern.diagonal]).mean())
-        scale = np.append(np.full(k, 1.0 / (stiffness * self.system.structure.size.max())), np.full(c, stiffness))
-        negative += int((np.linalg.eigvalsh(scale[:, None] * schur * scale) < 0.0).sum()) - c
-        return Tangent(factor, coupling, solved, schur, negative)
+        return Tangent(factor, coupling, solved, schur, factor.negative_pivots + int(self.more_negative(schur, values)))
 
-    def _residual(self, y: Array, gradient: Array, force: Array, multipliers: Array) -> tuple[Array, Array]:
-        """Out-of-balance forces on the free nodal unknowns and on the border, and what the constraints lack of zero."""
-        m = self.system.nodal_size
-        balance = gradient + self.border.constraint.T @ multipliers
-        nodal = force - balance[:m]
-        macro = -self.border.macro.T @ balance[m:]
-        return nodal[self.free], np.concatenate([macro, -self.border.constraint @ y])
+    def coupling(self, state: MemberState) -> tuple[Array, Array]:
+        """Border columns (nx, k) and block (k, k) of the bordered tangent, free entries of H first."""
+        k, m, size = self.border.macro.shape[1], self.system.nodal_size, self.border.size
+        many, a = state.length.shape[1:], self.border.constraint
+        coupling, block = np.zeros((self.pattern.size, size, *many)), np.zeros((size, size, *many))
+        to_all = (None,) * len(many)
+        if k:
+            product = self.system.macro_product(state, self._macro_directions[(..., *to_all)])
+            coupling[:, :k] = product[self.free]
+            block[:k, :k] = (self.border.macro.T[(..., None, *to_all)] * product[m:]).sum(axis=1)
+        coupling[:, k:] = a[:, self.free].T[(..., *to_all)]
+        block[k:, :k] = (a[:, m:] @ self.border.macro)[(..., *to_all)]
+        block[:k, k:] = np.swapaxes(block[k:, :k], 0, 1)
+        return coupling, block
 
-    def _measure(self, nodal: Array, rest: Array, state: MemberState) -> float:
-        """Residual relative to the mean member force; the macroscopic part is divided by the box size.
+    def more_negative(self, schur: Array, values: Array) -> NDArray[np.int64]:
+        """Negative eigenvalues (...) that Schur complements (..., k, k) of the border add to those of K (nnz, ...).
 
-        A constraint that is off by 1e-12 of the box counts like a force that is off by the tolerance.
+        On the constrained unknowns: each multiplier takes one negative eigenvalue of the bordered matrix. Rows are in J
+        and in m/N; on one scale, which keeps the signs, rounding of the large ones does not make the small ones.
         """
-        scale, length = np.abs(state.force).mean(), self.system.structure.size.max()
-        macro, drift = np.split(rest, [self.border.macro.shape[1]])
-        largest = max(np.abs(nodal).max(initial=0.0), np.abs(macro).max(initial=0.0) / length)
-        relative = largest / scale if scale > 0.0 else float(largest > 0.0)
-        return float(max(relative, self.options.tolerance * np.abs(drift).max(initial=0.0) / (1e-12 * length)))
+        constraints = len(self.border.constraint)
+        stiffness = np.sqrt(np.abs(values[self.pattern.diagonal]).mean(axis=0))[..., None]
+        scale = np.repeat(stiffness, self.border.size, axis=-1)
+        free = self.border.macro.shape[1]
+        scale[..., :free] = 1.0 / (stiffness * self.system.structure.size.max())
+        scaled = scale[..., :, None] * schur * scale[..., None, :]
+        return np.asarray((np.linalg.eigvalsh(scaled) < 0.0).sum(axis=-1) - constraints)
 
     def _round_off(self, y: Array, state: MemberState) -> float:
         """Residual that rounding of positions alone makes, in mean member forces; 0 where that says nothing any more.
@@ -118,12 +118,9 @@ class NewtonSolver:
 
     def out_of_balance(self, y: Array, state: MemberState, force: Array) -> tuple[Array, Array, float]:
         """Forces on the free nodal unknowns (N) and on the border, and their measure, with the best multipliers."""
-        gradient, none = self.system.gradient(state), np.zeros(len(self.border.constraint))
-        nodal, rest = self._residual(y, gradient, force, none)
-        if len(none):
-            multipliers = np.linalg.lstsq(self._lever, np.concatenate([nodal, rest]), rcond=None)[0]
-            nodal, rest = self._residual(y, gradient, force, multipliers)
-        return nodal, rest, self._measure(nodal, rest, state)
+        none = np.zeros(len(self.border.constraint))
+        nodal, rest, _ = self.balance.residual(y, self.system.gradient(state), force, none)
+        return nodal, rest, float(self.balance.measure(nodal, rest, state))
 
     def solve(
         self, y: Array, force: Array, *, load: float, history: list[Iteration], stable: bool = False
@@ -147,11 +144,8 @@ class NewtonSolver:
         gradient = system.gradient(state)
         best, within = None, 0
         for iteration in range(self.options.max_iterations + 1):
-            nodal, rest = self._residual(y, gradient, force, multipliers)
-            if len(multipliers):  # those that balance the present forces best
-                multipliers = np.linalg.lstsq(self._lever, np.concatenate([nodal, rest]), rcond=None)[0] + multipliers
-                nodal, rest = self._residual(y, gradient, force, multipliers)
-            residual = self._measure(nodal, rest, state)
+            nodal, rest, multipliers = self.balance.residual(y, gradient, force, multipliers)
+            residual = float(self.balance.measure(nodal, rest, state))
             if not np.isfinite(residual):
                 raise ConvergenceError("equilibrium: the residual is not finite", history)
             settled = residual <= self.options.tolerance
@@ -216,9 +210,9 @@ class NewtonSolver:
 
     def spread(self, dx: Array, dz: Array) -> Array:
         """Values on the free unknowns as a vector of all unknowns (3n + 9,)."""
-        step = np.zeros(self.system.size)
+        step = np.zeros((self.system.size, *dx.shape[1:]))
         step[self.free] = dx
-        step[self.system.nodal_size :] = self.border.macro @ dz[: self.border.macro.shape[1]]
+        step[self.system.nodal_size :] = times(self.border.macro, dz[: self.border.macro.shape[1]])
         return step
 
     def _border_part(self, step: Array) -> Array:
@@ -252,7 +246,7 @@ class NewtonSolver:
             return y
         if (system.gradient(state) - pull) @ mode > 0.0:
             mode = -mode
-        farthest = self._elongation_limit(mode / np.abs(mode).max(), state) / np.abs(mode).max()
+        farthest = float(self.elongation_limit(mode / np.abs(mode).max(), state) / np.abs(mode).max())
         best, length = 0.0, farthest / 1024.0
         while length <= farthest:
             if (system.gradient(system.state(y + length * mode)) - pull) @ mode >= 0.0:
@@ -260,14 +254,14 @@ class NewtonSolver:
             best, length = length, 2.0 * length
         return y + best * mode if best else y
 
-    def _elongation_limit(self, step: Array, state: MemberState) -> float:
+    def elongation_limit(self, step: Array, state: MemberState) -> Array:
         """The multiple of ``step`` at which some member's length changes by ``max_elongation``."""
-        change = (self.system.D @ step).reshape(-1, 3)
-        along = np.abs(np.einsum("ij,ij->i", change, state.vector)) / state.length
-        turn = np.einsum("ij,ij->i", change, change) / (2.0 * state.length)
+        change = (self.system.D @ step).reshape(state.vector.shape)
+        along = np.abs((change * state.vector).sum(axis=1)) / state.length
+        turn = (change * change).sum(axis=1) / (2.0 * state.length)
         limit = self.options.max_elongation * state.length
         # along a + turn a^2 = limit, in the form that does not cancel
-        return float(np.min(2.0 * limit / np.maximum(along + np.sqrt(along**2 + 4.0 * turn * limit), 1e-300)))
+        return np.min(2.0 * limit / np.maximum(along + np.sqrt(along**2 + 4.0 * turn * limit), 1e-300), axis=0)
 
     def _tangent_for_step(self, state: MemberState, most: int) -> tuple[Tangent, float, int]:
         """The tangent, shifted until it has no negative pivots if it has more than ``most``; the shift; the pivots."""
@@ -284,7 +278,7 @@ class NewtonSolver:
     def _line_search(self, y: Array, step: Array, pull: Array, state: MemberState, slope: float) -> float:
         """Step length: limited in elongation, then where the energy's slope has fallen enough."""
         system = self.system
-        high = min(1.0, self._elongation_limit(step, state))
+        high = min(1.0, float(self.elongation_limit(step, state)))
         low, low_slope, length = 0.0, slope, high
         for _ in range(12):
             here = float((system.gradient(system.state(y + length * step)) - pull) @ step)

@@ -37,8 +37,8 @@ from workflows.store.record import read_summary, summary_path, versions, write_s
 __all__ = ["Plan", "sample"]
 
 _worker: dict[str, Any] = {}
-_AT_ONCE = 64
-"""Paths of each process that are asked for at once."""
+_AT_ONCE, _TOGETHER = 4, 32
+"""Batches of each process that are asked for at once; paths of one block that are followed together."""
 _PER_PATH, _PER_POINT, _PER_BLOCK = 2e3, 1.5e3, 3e5
 """Bytes, roughly: a path on its way, a point with its tangent (twice, as it is joined), a block of an RVE."""
 
@@ -91,6 +91,10 @@ class Plan:
         one |= {"seed": self.seed, "blocks": self.blocks, "images": self.images, "kind": self.kind, "axes": self.axes}
         return {**one, "box": asdict(self.box), "cell": asdict(self.tissue.cell)}
 
+    def together(self, paths: int, processes: int) -> int:
+        """How many of the ``paths`` that are left each of the processes follows at once."""
+        return max(1, min(_TOGETHER // math.prod(self.spec.blocks), -(-paths // (2 * processes))))
+
     def run(self, rve: RVE, paths: Iterable[int], progress: Callable[[], None] | None = None) -> list[PathData]:
         """Follow the paths of these numbers."""
         return sample_paths(rve, self.box, paths=paths, steps=self.steps, seed=self.seed, progress=progress)
@@ -141,8 +145,8 @@ def sample(
         else:
             with threadpool_limits(1):
                 rve = plan.spec.build()
-                for path in left[rank::size]:
-                    kept.add(plan.run(rve, [path], advance))
+                for some in itertools.batched(left[rank::size], plan.together(len(left), size)):
+                    kept.add(plan.run(rve, some, advance))
     done = kept.done
     if comm is not None:
         parts = comm.gather(done)
@@ -252,12 +256,14 @@ def _in_processes(processes: int, plan: Plan, left: list[int], kept: KeptPaths, 
     pool = ProcessPoolExecutor(processes, get_context("spawn"), initializer=_start_worker, initargs=(plan,))
     with pool:
         try:
-            for some in itertools.batched(left, _AT_ONCE * processes):  # few are there to cancel
+            batches = itertools.batched(left, plan.together(len(left), processes))
+            for some in itertools.batched(batches, _AT_ONCE * processes):  # few are there to cancel
                 with _deaf():
-                    futures = [pool.submit(_work, plan, path) for path in some]
+                    futures = [pool.submit(_work, plan, paths) for paths in some]
                 for future in as_completed(futures):
                     kept.add(future.result())
-                    advance()
+                    for _ in future.result():
+                        advance()
         except BrokenProcessPool:
             raise ChildProcessError("sample: a worker process was ended from outside, or for lack of memory") from None
         except BaseException:
@@ -291,6 +297,6 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
-def _work(plan: Plan, path: int) -> list[PathData]:
-    """One path, in a process of the pool."""
-    return plan.run(_worker["rve"], [path])
+def _work(plan: Plan, paths: tuple[int, ...]) -> list[PathData]:
+    """A batch of paths, in a process of the pool."""
+    return plan.run(_worker["rve"], paths)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from tsg_micro.continuum.rve import build_rve
-from tsg_micro.continuum.sampling import BOXES, StrainBox, join_paths, sample_path, sample_paths, strain_path
+from tsg_micro.continuum.sampling import BOXES, StrainBox, join_paths, sample_paths, strain_path
 from tsg_micro.data.dataset import zero_components
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import COMPONENTS, from_mandel, to_mandel
@@ -137,8 +137,8 @@ def test_full_box_prescribes_all_six():
 def test_path_without_equilibrium_is_cut_and_says_why():
     box = StrainBox("far", {"yy": (0.0, 0.6)})
     rve = build_rve(bar_force=1e-8, options=NewtonOptions(max_iterations=2))
-    whole = sample_path(build_rve(bar_force=1e-8), box, steps=4, seed=SEED, path=0)
-    cut = sample_path(rve, box, steps=4, seed=SEED, path=0)
+    (whole,) = sample_paths(build_rve(bar_force=1e-8), box, paths=[0], steps=4, seed=SEED)
+    (cut,) = sample_paths(rve, box, paths=[0], steps=4, seed=SEED)
     assert whole.failure is None
     reached = len(cut.F)
     assert 0 < reached < len(whole.F) == 4
@@ -152,7 +152,7 @@ def test_path_without_equilibrium_is_cut_and_says_why():
 
 def test_nothing_to_join():
     rve = build_rve(bar_force=1e-8, options=NewtonOptions(max_iterations=1, max_elongation=1e-12))
-    lost = sample_path(rve, BOXES["stretch"], steps=1, seed=SEED, path=0)
+    (lost,) = sample_paths(rve, BOXES["stretch"], paths=[0], steps=1, seed=SEED)
     assert len(lost.F) == 0
     assert lost.first_piola.shape == (0, 3, 3)
     with pytest.raises(InputError, match=r"expected at least one state in equilibrium, got none .*after 1 iterations"):

@@ -48,6 +48,7 @@ def test_the_script_sees_faults(kills, importing, tmp_path):
 
 @pytest.mark.parametrize("append", [False, True])
 def test_sampling_goes_on_where_it_was_cut(tsgdd, tmp_path, monkeypatch, append):
+    import workflows.runs.sample as sample_module
     import workflows.runs.sample_kept as kept
     from workflows.runs.sample import Plan
 
@@ -56,6 +57,7 @@ def test_sampling_goes_on_where_it_was_cut(tsgdd, tmp_path, monkeypatch, append)
     assert tsgdd(*sample, "--out", tmp_path / "whole.h5").code == 0
     monkeypatch.setattr(kept, "_EVERY", 0.0)
     monkeypatch.setattr(kept, "_SHARE", 1e9)
+    monkeypatch.setattr(sample_module, "_TOGETHER", 2)
     run, followed = Plan.run, []
 
     def cut(plan, rve, paths, progress=None):
@@ -71,7 +73,7 @@ def test_sampling_goes_on_where_it_was_cut(tsgdd, tmp_path, monkeypatch, append)
     other = file.with_name(".cut-0123456789abcdef-0.paths.h5")
     other.write_bytes(b"of other parameters")
     assert tsgdd(*sample, "--out", tmp_path / "cut.h5").code == 0
-    assert followed == [0, 1, 2, 3, 3, 4]
+    assert followed == [0, 1, 2, 3, 2, 3, 4]
     assert not file.exists()
     assert other.exists() == append  # another run may be adding to the same file
     whole, found = (read_dataset(tmp_path / f"{name}.h5") for name in ("whole", "cut"))
