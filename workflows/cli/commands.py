@@ -14,6 +14,7 @@ import typer
 from workflows.cli import bodies as cli_bodies
 from workflows.cli import macroscale as cli_macroscale
 from workflows.cli import meshes as cli_meshes
+from workflows.cli import results as cli_results
 from workflows.cli import studies as cli_study
 from workflows.runs.options import (
     Box,
@@ -241,6 +242,7 @@ def import_csv(
 
 app.add_typer(cli_macroscale.macroscale)
 app.add_typer(cli_bodies.bodies)
+app.add_typer(cli_results.results)
 app.add_typer(cli_meshes.mesh, name="mesh")
 for _name, _group in zip(("study", "bench"), cli_study.find_studies(), strict=True):
     app.add_typer(_group, name=_name)

@@ -123,14 +123,14 @@ def _plain(value: object) -> object:
 
 
 def read_summary(folder: Path, *commands: str) -> dict[str, Any]:
-    """The summary that one of ``commands`` wrote into ``folder``, or beside it where that is a file.
+    """The summary that one of ``commands``, any if none is named, wrote into ``folder``, or beside it if it is a file.
 
     Raises:
         InputError: it is not there, is no summary, or another command's.
     """
     path = summary_path(folder) if folder.is_file() else folder / "summary.json"
     kind = "file" if folder.is_file() else "folder"
-    expected = f"expected a {kind} made by {' or '.join(f"'tsgdd {command}'" for command in commands)}"
+    expected = f"expected a {kind} made by {' or '.join(f"'tsgdd {command}'" for command in commands) or 'tsgdd'}"
     try:
         check_regular(path)
         summary = json.loads(path.read_text())
@@ -138,7 +138,8 @@ def read_summary(folder: Path, *commands: str) -> dict[str, Any]:
         raise InputError(f"{folder}: {expected}, it has no {path.name}") from None
     except (ValueError, RecursionError):  # not JSON, or not even text
         raise InputError(f"{path}: expected JSON, it cannot be read as such") from None
-    ours = isinstance(summary, dict) and summary.get("command") in commands
+    command = summary.get("command") if isinstance(summary, dict) else None
+    ours = isinstance(command, str) and (not commands or command in commands)
     if not ours or not isinstance(summary.get("parameters"), dict):
         raise InputError(f"{folder}: {expected}, its {path.name} is another's")
     summary["parameters"] = _Summary(summary["parameters"], path)

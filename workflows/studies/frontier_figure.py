@@ -12,12 +12,17 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
-from tsg_micro.data.figure_style import STYLE, new_figure
+from tsg_micro.data.figure_style import STYLE, new_figure, tidy
 
 __all__ = ["plot_frontier"]
 
-_COLOURS = ("#222222", "#20639b", "#3caea3", "#7a5195", "#c8553d", "#ed9b40", "#8c6d31", "#999999", "#d62f8a")
-_MARKERS = "Xosdv^P*D"
+_STYLES = {
+    "FE2": {"color": "#222222", "marker": "X"},
+    "data-driven, metric tangent": {"color": "#20639b", "marker": "o"},
+    "second-order data": {"color": "#c8553d", "marker": "v"},
+    "adaptive from nothing": {"color": "#d62f8a", "marker": "D"},
+}
+"""The methods that are drawn; frontier.csv has all."""
 _LINES: tuple[dict[str, Any], ...] = (
     {"linestyle": "-", "fillstyle": "full"},
     {"linestyle": "--", "fillstyle": "none"},
@@ -32,12 +37,10 @@ def plot_frontier(rows: Sequence[Row], dns_seconds: float, summary: Mapping[str,
     """Errors of p or q of the mechanical solution, outer blocks left out; numbers at the points: data or RVEs.
 
     Left against the full tensegrity, whose time is the vertical line; horizontal ones are FE2. Right against FE2.
+    Drawn are data as points, data with tangents, data that a solve asks for, and FE2.
     """
-    methods = list(dict.fromkeys(row["method"] for row in rows))
-    styles = {
-        name: {"color": colour, "marker": marker, "markersize": 6, "linewidth": 1.0}
-        for name, colour, marker in zip(methods, cycle(_COLOURS), cycle(_MARKERS), strict=False)
-    }
+    methods = [name for name in _STYLES if name in {row["method"] for row in rows}]
+    styles = {name: {**_STYLES[name], "markersize": 7, "linewidth": 1.2} for name in methods}
     models = dict(zip(dict.fromkeys(row["model"] for row in rows), cycle(_LINES), strict=False))
     symbol = summary["symbol"]
     labels = (
@@ -45,7 +48,7 @@ def plot_frontier(rows: Sequence[Row], dns_seconds: float, summary: Mapping[str,
         f"error of ${symbol}$ against FE2 of the same model / %",
     )
     with mpl.rc_context(STYLE):
-        figure = new_figure(16, 8.6)
+        figure = new_figure(14, 7.0)
         for axes, error, label in zip(
             figure.subplots(1, 2, sharex=True), ("error_mech", "error_fe2"), labels, strict=True
         ):
@@ -71,9 +74,7 @@ def _curve(axes: Axes, rows: Sequence[Row], error: str, style: Mapping[str, Any]
     for row, x, y in zip(rows, times, errors, strict=True):
         if row["method"] == _FLOOR:
             axes.axhline(y, color=style["color"], linestyle=style["linestyle"], linewidth=0.8, alpha=0.6, zorder=0)
-        axes.annotate(
-            f"{row['data']}", (x, y), (4, 4), textcoords="offset points", fontsize=7, color=style["color"], alpha=0.9
-        )
+        axes.annotate(f"{row['data']}", (x, y), (4, 4), textcoords="offset points", fontsize=9, color=style["color"])
 
 
 def _scales(axes: Axes) -> None:
@@ -86,7 +87,7 @@ def _scales(axes: Axes) -> None:
     axes.yaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.grid(alpha=0.3)
+    tidy(axes)
 
 
 def _legend(
@@ -96,4 +97,4 @@ def _legend(
     handles = [Line2D([], [], label=name, **style) for name, style in styles.items()]
     handles += [Line2D([], [], color="0.4", marker="o", label=name, **lines) for name, lines in models.items()]
     handles.append(Line2D([], [], color="0.3", linestyle=(0, (5, 1)), label=dns))
-    figure.legend(handles=handles, loc="outside upper center", ncols=4, fontsize=9)
+    figure.legend(handles=handles, loc="outside upper center", ncols=4, fontsize=11, frameon=False)

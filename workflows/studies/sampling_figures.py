@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tsg_micro.continuum.sampling import StrainBox
 from tsg_micro.data.dataset import Dataset
-from tsg_micro.data.figure_style import STYLE, new_figure, tidy
+from tsg_micro.data.figure_style import STYLE, new_figure, plain_log, tidy
 from tsg_micro.data.mandel import COMPONENTS, pressure, von_mises
 from workflows.studies.coverage import BoxCoverage
 
@@ -88,6 +88,8 @@ def plot_coverage(strain: Array, box: StrainBox, coverage: BoxCoverage) -> Figur
         gaps.set_xlabel("number of points $N$")
         gaps.set_ylabel("distance to the nearest point / box side")
         gaps.set_ylim(top=4.0 * coverage.fill_by_size.max())  # room for the legend
+        plain_log(gaps.xaxis)
+        plain_log(gaps.yaxis)
         gaps.legend(frameon=False, fontsize=11, loc="upper right")
         _plain(gaps)
     return figure

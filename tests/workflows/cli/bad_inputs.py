@@ -293,7 +293,8 @@ def _runs(rng: random.Random, sources: Sources, folder: Path) -> Iterator[BadInp
         compare = ("compare", "--dd", folders["dd"], "--dns", folders["dns"], "--no-plots", "--out", str(place / "out"))
         study = ("study", "metric", "--load", "stretch", "--blocks", "3", "3", "--dns", folders["dns"], "--no-plots")
         given = (*study, "--data", str(sources.files["data"]), "--out", str(place / "out"))
-        yield BadInput(f"{role} {what}", given if role == "dns" and k % 4 == 0 else compare, may_pass=True)
+        readers = {0: given if role == "dns" else compare, 1: (rng.choice(["show", "table"]), str(place / role))}
+        yield BadInput(f"{role} {what}", readers.get(k % 4, compare), may_pass=True)
 
 
 def _json(rng: random.Random, path: Path, content: bytes) -> str:

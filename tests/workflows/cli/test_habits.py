@@ -35,7 +35,7 @@ def test_an_empty_output_is_not_the_present_folder(tsgdd, tmp_path, monkeypatch)
     monkeypatch.chdir(tmp_path)
     assert ("solve",) in COMMANDS
     assert ("bench", "scale") in COMMANDS
-    for command in COMMANDS:
+    for command in set(COMMANDS) - {("show",)}:
         done = tsgdd(*command, "--out", "")
         assert (done.code, done.err.count("\n")) == (2, 1), (command, done)
         assert "expected a path, got an empty one" in done.err, (command, done)
