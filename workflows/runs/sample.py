@@ -9,11 +9,11 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, field, replace
-from multiprocessing import get_context, parent_process
+from multiprocessing import get_context, parent_process, resource_tracker
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,8 @@ __all__ = ["Plan", "sample"]
 _worker: dict[str, Any] = {}
 _AT_ONCE, _TOGETHER = 4, 32
 """Batches of each process that are asked for at once; paths of one block that are followed together."""
+_LISTENS = 0.5
+"""Seconds between two looks at whether Ctrl-C was pressed."""
 _PER_PATH, _PER_POINT, _PER_BLOCK = 2e3, 1.5e3, 3e5
 """Bytes, roughly: a path on its way, a point with its tangent (twice, as it is joined), a block of an RVE."""
 
@@ -253,22 +255,41 @@ def _progress(paths: int | None) -> Iterator[Callable[[], None]]:
 
 def _in_processes(processes: int, plan: Plan, left: list[int], kept: KeptPaths, advance: Callable[[], None]) -> None:
     """The paths that are left, shared among processes of this machine."""
+    resource_tracker.ensure_running()  # it would end the deafness below when it starts
     pool = ProcessPoolExecutor(processes, get_context("spawn"), initializer=_start_worker, initargs=(plan,))
-    with pool:
+    with _interrupt() as asked, pool:
         try:
             batches = itertools.batched(left, plan.together(len(left), processes))
             for some in itertools.batched(batches, _AT_ONCE * processes):  # few are there to cancel
                 with _deaf():
-                    futures = [pool.submit(_work, plan, paths) for paths in some]
-                for future in as_completed(futures):
-                    kept.add(future.result())
-                    for _ in future.result():
-                        advance()
+                    futures = {pool.submit(_work, plan, paths) for paths in some}
+                while futures:
+                    done, futures = wait(futures, timeout=_LISTENS, return_when=FIRST_COMPLETED)
+                    for future in done:
+                        kept.add(future.result())
+                        for _ in future.result():
+                            advance()
+                    if asked.is_set():
+                        raise KeyboardInterrupt
         except BrokenProcessPool:
             raise ChildProcessError("sample: a worker process was ended from outside, or for lack of memory") from None
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
+
+
+@contextmanager
+def _interrupt() -> Iterator[threading.Event]:
+    """An event that Ctrl-C sets, so that it does not break into the pool's own code, which may then wait for ever."""
+    asked = threading.Event()
+    if threading.current_thread() is not threading.main_thread():  # where Ctrl-C is never heard
+        yield asked
+        return
+    before = signal.signal(signal.SIGINT, lambda *_: asked.set())
+    try:
+        yield asked
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager
