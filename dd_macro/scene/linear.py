@@ -1,33 +1,33 @@
 """Linear systems K x = b of a scene: x = 0 where the displacement is prescribed, one solver for many right-hand sides.
 
-Systems whose factor fits the memory and is made in a minute or two are factorised (MUMPS where PETSc has it), others
-solved by CG with GAMG on the rigid-body near-nullspace. PETSc options with the solver's prefix override all of it.
+Systems whose factor fits the memory and has few entries a row, as that of a sheet, are factorised (MUMPS where PETSc
+has it), others solved by CG with GAMG on the rigid-body near-nullspace; where that fails, as it may where K is not
+positive definite, they are factorised if they can be. PETSc options with the solver's prefix override all of it.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dd_macro.parallel import span, total
+from dd_macro.scene.factor_size import factor_entries, factor_fits
 from dd_macro.scene.problem import Problem
 from dd_macro.scene.rigid import SHIFT, HeldMean
-from dd_macro.scene.spaces import Stiffness, StrainOperator
+from dd_macro.scene.spaces import Stiffness
 from tsg_micro.data.errors import ConvergenceError
-from tsg_micro.data.memory import available_memory
 
-__all__ = ["LinearSolver", "factor_memory"]
+__all__ = ["LinearSolver"]
 
 Array = NDArray[np.float64]
 
-_ENTRY, _SHARE = 12.0, 0.7
-"""Bytes of an entry of a factor, with what MUMPS works with; part of the memory that one may take."""
 _CLOSE, _MOST_OLD, _MANY = 1e-10, 30, 15
 """Conjugate gradients with an older factorisation: residual, iterations at most, and at which a new one is due."""
-_MOST_WORK = 5e11
-"""Squares of the entries of a row of the factor, summed: a minute, or two. Blocks of 240,000 unknowns have as many."""
+_MOST_ENTRIES = 800.0
+"""Of a row of the factor: making it costs their square a row, in a block of 55,000 unknowns what the iterations of GAMG
+cost. Sheets one element thick have half as many at a million unknowns, and GAMG needs more iterations there."""
+_WEAK = 0.05
+"""Entries of K, relative to the diagonal, that GAMG does not count as a connection: half the iterations in sheets."""
 _RESIDUAL, _ROUND_OFF = 1e-6, 1e-13
 """Of the right side, and of K x; Euclidean norms."""
 
@@ -72,14 +72,15 @@ class LinearSolver:
         x.setBlockSize(3)
         x.array[:] = operator.node_coordinates().reshape(-1)
         K.setNearNullSpace(PETSc.NullSpace().createRigidBody(x))
-        self._ksp = _make_solver(operator, K, prefix, direct=older is not None and older._direct)
+        fits = factor_fits(operator)
+        direct = (older is not None and older._direct) or (fits and factor_entries(operator) <= _MOST_ENTRIES)
+        self._ksp = _make_solver(K, prefix, direct=direct, pivots=not definite)
+        self._closest = self._ksp.getTolerances()[0]
+        self._may_factorise = fits and not direct and self._ksp.getPC().getType() == "gamg"
         self._factor: PETSc.PC | None = None if older is None else older._factor
         self._gradients.setType("cg")
         self._gradients.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
         self._gradients.setTolerances(rtol=_CLOSE, max_it=_MOST_OLD)
-        if not definite and _counts_pivots(self._ksp.getPC()):
-            self._ksp.getPC().setFactorSetUpSolverType()
-            self._ksp.getPC().getFactorMatrix().setMumpsIcntl(13, 1)  # count the pivots of the root front too
         self.update(keep=True)
 
     @property
@@ -101,7 +102,7 @@ class LinearSolver:
         older = self._factor if keep and self._direct and not self._many and not len(self._motions) else None
         self._old = older is not None and not self.negative_pivots
         pc = self._ksp.getPC() if older is None or not self._old else older
-        K, ksp = self.matrix, self._ksp
+        K = self.matrix
         mean = abs(K.getDiagonal()).sum() / K.getSize()[0]
         K.zeroRowsColumns(self._rows, diag=mean)
         if len(self._motions):
@@ -110,23 +111,31 @@ class LinearSolver:
         self._gradients.setPC(pc)
         self._factor, self._many = (pc if self._direct else None), False
         pc.setReusePreconditioner(self._old)
-        (self._gradients if self._old else ksp).setOperators(K)
-        try:
-            if not self._old:
-                ksp.setUp()  # or PETSc would put the factorisation off to the next solve
-        except PETSc.Error as error:
-            raise ConvergenceError(
-                f"linear solver {ksp.getType()} + {ksp.getPC().getType()}: set-up failed ({error})"
-            ) from None
+        if self._old:
+            self._gradients.setOperators(K)
+        else:
+            self._set_up()
         if len(self._motions):
             self._mean = HeldMean(
                 self._comm, self._motions, solve=self._solved, product=self._product, shift=SHIFT * mean
             )
 
+    def _set_up(self) -> None:
+        """The factorisation, or what else the solver needs; PETSc would put it off to the next solve."""
+        ksp = self._ksp
+        ksp.setOperators(self.matrix)
+        try:
+            ksp.setUp()
+        except PETSc.Error as error:
+            raise ConvergenceError(
+                f"linear solver {ksp.getType()} + {ksp.getPC().getType()}: set-up failed ({error})"
+            ) from None
+
     def solve(self, right_side: Array, *, within: float = _CLOSE) -> Array:
         """The unknowns for the forces ``right_side`` on them, whose prescribed components do not count.
 
-        With a factorisation of earlier values (:meth:`update`) they are right to a residual of ``within`` of it.
+        By iterations, also with a factorisation of earlier values (:meth:`update`), they are right to a residual of
+        ``within`` of it.
 
         Raises:
             ConvergenceError: the solver fails, or its solution does not solve the system.
@@ -134,7 +143,7 @@ class LinearSolver:
         nodal = np.where(self._fixed, 0.0, self._stiffness.condense(right_side))
         x = self._close(nodal, within) if self._old else None
         if x is None:
-            x = self._solved(nodal) if self._mean is None else self._mean.solve(nodal)
+            x = self._solved(nodal, within) if self._mean is None else self._mean.solve(nodal)
         return self._stiffness.expand(np.where(self._fixed, 0.0, x), right_side)
 
     def _close(self, b: Array, within: float) -> Array | None:
@@ -148,14 +157,22 @@ class LinearSolver:
         self.update()
         return None
 
-    def _solved(self, b: Array) -> Array:
+    def _solved(self, b: Array, within: float = _CLOSE) -> Array:
         """K^-1 b (3 * nodes,)."""
+        self._ksp.setTolerances(rtol=min(max(within, self._closest), 0.1))
         self._b.array[:] = b
         try:
             self._ksp.solve(self._b, self._x)
         except PETSc.Error:
-            raise self._stopped() from None
-        self._check_residual()
+            if not self._may_factorise:
+                raise self._stopped() from None
+            self._may_factorise = False
+            pivots = self._kind == PETSc.Mat.Option.SYMMETRIC
+            self._ksp = _make_solver(self.matrix, self._ksp.getOptionsPrefix(), direct=True, pivots=pivots)
+            self._factor = self._ksp.getPC()
+            self._set_up()
+            return self._solved(b)
+        self._check_residual(_RESIDUAL if self._direct else max(_RESIDUAL, within))
         return np.array(self._x.array)
 
     def _product(self, x: Array) -> Array:
@@ -196,17 +213,17 @@ class LinearSolver:
             f"PETSc reason {self._ksp.getConvergedReason()}"
         )
 
-    def _check_residual(self) -> None:
+    def _check_residual(self, most: float = _RESIDUAL) -> None:
         """Raise ConvergenceError, on all ranks, where K x is not b: options may ask for what solves nothing."""
         K, r = self.matrix, self._r
         K.mult(self._x, r)
         r.axpy(-1.0, self._b)
         off, size = r.norm(), self._b.norm()
         # a factorisation of a badly conditioned K is right to round-off of K x
-        if off <= _RESIDUAL * size or off <= _ROUND_OFF * K.norm(PETSc.NormType.INFINITY) * self._x.norm():
+        if off <= most * size or off <= _ROUND_OFF * K.norm(PETSc.NormType.INFINITY) * self._x.norm():
             return
         raise ConvergenceError(
-            f"linear solver {self.name}: expected a residual below {_RESIDUAL:.0e} of the right side, got "
+            f"linear solver {self.name}: expected a residual below {most:.0e} of the right side, got "
             f"{off / size if size else off:.1e}; do the options in PETSC_OPTIONS ask for it?"
         )
 
@@ -227,43 +244,31 @@ def _counts_pivots(pc: PETSc.PC) -> bool:
     return bool(pc.getType() == "cholesky" and pc.getFactorSolverType() == "mumps")
 
 
-def factor_memory(operator: StrainOperator) -> float:
-    """Bytes that the factor of a stiffness takes, estimated; collective.
-
-    Nested dissection of a sheet of N unknowns, t nodes thick, leaves 11.5 sqrt(t) log2 N entries an unknown, that of a
-    block 21 N^(1/3) (METIS, sheets and blocks of 2000 to 175,000 unknowns: it had 3 to 44 % less).
-    """
-    comm, x, N = operator.comm, operator.node_coordinates(), operator.global_dofs
-    low, high = span(comm, x)
-    spacing = (float(total(comm, operator.weights.sum())) / (N / 3)) ** (1 / 3)
-    thick = 1.0 + (high - low).min() / spacing
-    return _ENTRY * N * min(21.0 * N ** (1 / 3), 11.5 * np.sqrt(thick) * np.log2(N))
-
-
-def _pays(operator: StrainOperator) -> bool:
-    """Whether the factor fits the memory that is there, and its making the time that iterations take; collective."""
-    here = available_memory()
-    there = operator.comm.allreduce(np.inf if here is None else here, MPI.MIN)
-    memory = factor_memory(operator)
-    work = (memory / _ENTRY) ** 2 / operator.global_dofs
-    return bool(memory <= _SHARE * there and work <= _MOST_WORK)
-
-
-def _make_solver(operator: StrainOperator, K: PETSc.Mat, prefix: str, *, direct: bool) -> PETSc.KSP:
-    """By factorisation where it pays, or where it is known to (``direct``)."""
-    ksp = PETSc.KSP().create(operator.comm)
+def _make_solver(K: PETSc.Mat, prefix: str, *, direct: bool, pivots: bool) -> PETSc.KSP:
+    """The solver by a factorisation (``direct``) that counts all negative ``pivots``, or by iterations."""
+    ksp = PETSc.KSP().create(K.comm)
     ksp.setOptionsPrefix(prefix)
     ksp.setOperators(K)
     ksp.setErrorIfNotConverged(True)
     ksp.setTolerances(rtol=1e-10, max_it=1000)  # of an iterative solver, ours or one asked for by options
     pc = ksp.getPC()
     package = next((name for name in ("mumps", "superlu_dist") if PETSc.Sys.hasExternalPackage(name)), None)
-    if (direct or _pays(operator)) and (package or operator.comm.size == 1):
+    options, weak = PETSc.Options(prefix), "pc_gamg_threshold"
+    if direct and (package or K.comm.size == 1):
         ksp.setType("preonly")
         pc.setType("lu" if package == "superlu_dist" else "cholesky")
         pc.setFactorSolverType(package or "petsc")
     else:
         ksp.setType("cg")
+        ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
         pc.setType("gamg")
+    given = options.hasName(weak)
+    if not given:
+        options[weak] = _WEAK
     ksp.setFromOptions()
+    if not given:
+        options.delValue(weak)
+    if pivots and _counts_pivots(pc):
+        pc.setFactorSetUpSolverType()
+        pc.getFactorMatrix().setMumpsIcntl(13, 1)  # those of the root front too
     return ksp

@@ -9,8 +9,9 @@ from petsc4py import PETSc
 
 from dd_macro import Displacement, Problem, StrainOperator, box, isotropic
 from dd_macro.parallel import total
-from dd_macro.scene import linear
-from dd_macro.scene.linear import LinearSolver, factor_memory
+from dd_macro.scene import factor_size, linear
+from dd_macro.scene.factor_size import factor_memory
+from dd_macro.scene.linear import LinearSolver
 from tsg_micro.data.errors import ConvergenceError
 
 pytestmark = pytest.mark.mpi
@@ -119,5 +120,43 @@ def test_memory_of_a_factor_is_estimated(comm, elements, monkeypatch):
     if "mumps" in solver.name:
         entries = solver._ksp.getPC().getFactorMatrix().getMumpsInfog(29)
         assert 12.0 * entries < factor_memory(operator) < 24.0 * entries
-    monkeypatch.setattr(linear, "available_memory", lambda: int(factor_memory(operator)))
+    monkeypatch.setattr(factor_size, "available_memory", lambda: int(factor_memory(operator)))
     assert LinearSolver(problem, operator.stiffness(C), prefix="test_").name == "cg + gamg"
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_iterations_and_a_factorisation_agree(comm, sign, monkeypatch):
+    """Where there are many entries a row; iterations that fail give way to a factorisation, which counts pivots."""
+    operator, direct = make(comm)
+    monkeypatch.setattr(linear, "_MOST_ENTRIES", 1.0)
+    stiffness = operator.stiffness(sign * isotropic(young=1e3, poisson=0.3).C)
+    solver = LinearSolver(Problem(operator, [Displacement("bottom")]), stiffness, prefix="test_", definite=False)
+    assert solver.name == "cg + gamg"
+    b = right_side(operator)
+    expected, found, near = direct.solve(b), sign * solver.solve(b), sign * solver.solve(b, within=1e-3)
+    scale = comm.allreduce(np.abs(expected).max(initial=0.0), op=MPI.MAX)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * scale)
+    np.testing.assert_allclose(near, expected, rtol=0, atol=0.1 * scale)
+    if sign > 0:
+        assert solver.negative_pivots is None
+        assert comm.allreduce(np.abs(near - expected).max(initial=0.0), op=MPI.MAX) > 1e-7 * scale
+    elif "mumps" in solver.name:
+        assert solver.negative_pivots == int(comm.allreduce((~solver._fixed).sum()))
+
+
+def test_conjugate_gradients_go_on_with_the_factor_of_another_matrix(comm):
+    """From a solver that is given away to one of near values, without a factorisation of its own."""
+    operator, older = make(comm)
+    C = isotropic(young=1e3, poisson=0.3).C
+    hard, problem, found = (
+        C * np.array([1.0, 1.3, 0.8, 1.0, 1.2, 1.0])[:, None] ** 0.5,
+        Problem(operator, [Displacement("bottom")]),
+        [],
+    )
+    hard = 0.5 * (hard + hard.T)
+    for given in (None, older):
+        solver = LinearSolver(problem, operator.stiffness(hard), prefix="test_", definite=False, older=given)
+        assert solver._old is (given is not None)
+        found.append(solver.solve(right_side(operator)))
+    scale = comm.allreduce(np.abs(found[0]).max(initial=0.0), op=MPI.MAX)
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-8 * scale)
