@@ -44,7 +44,9 @@ class DataMethod(ABC):
     averages = False
     """Whether a point has more than one datum."""
     theories: tuple[str, ...] = ("small", "finite")
+    """Of strain, among dd_macro.THEORIES."""
     variant_of: str = ""
+    """The method in the registry that it is another setting of; "" if none."""
 
     def given(self, dataset: Dataset) -> Dataset:
         """The data as this method gets them."""

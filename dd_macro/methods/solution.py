@@ -28,7 +28,7 @@ class Solution:
     the material answers, ``index`` (n,) the data, -1 where there are none, ``local_distance`` (n,) in sqrt(J/m^3).
     ``distance`` = |y - z| in sqrt(J), ``normalised_distance`` = |y - z| / |z| (paper, Section 4.2), in ``metric``; it
     is None where the material is a law: its states are the mechanical ones. ``solver`` is that of the linear systems,
-    ``dataset`` the data that it was found with.
+    ``dataset`` the data that it was found with. ``reason`` says why it ended after so many ``iterations``.
     """
 
     problem: Problem

@@ -2,13 +2,7 @@
 
 Layout (schema 1). Root attributes: ``format`` = "tsgdd-quadrature", ``schema``, ``stress_measure``,
 ``normalised_distance``. Cells in the order of the mesh's input; the points of a cell follow one another. Arrays
-(cells, points per cell, ...) unless said otherwise, each with an attribute ``unit``; vectors of 6 are Mandel:
-
-    corners (cells, 8, 3) m, VTK order        midpoint (cells, 3) m      coordinates (..., 3) m     weight m^3
-    corner_displacement (cells, 8, 3) m, not in files of older versions
-    mechanical_strain (..., 6) 1              mechanical_stress (..., 6) Pa    mechanical_p, mechanical_q Pa
-    material_strain (..., 6) 1                material_stress (..., 6) Pa      material_p, material_q Pa
-    local_distance sqrt(J/m^3)                datum: index into the data set, 1
+as :class:`QuadratureFields` has them, each with an attribute ``unit``.
 """
 
 from __future__ import annotations
@@ -61,7 +55,16 @@ _OF_CELLS = ("corners", "corner_displacement", "midpoint")
 
 @dataclass(frozen=True)
 class QuadratureFields:
-    """What :func:`write_quadrature` wrote, all cells; shapes and units as in the module's docstring."""
+    """What :func:`write_quadrature` wrote, all cells.
+
+    Arrays are (cells, points per cell, ...) unless said otherwise; vectors of 6 are Mandel::
+
+        corners (cells, 8, 3) m, VTK order        midpoint (cells, 3) m      coordinates (..., 3) m     weight m^3
+        corner_displacement (cells, 8, 3) m, not in files of older versions
+        mechanical_strain (..., 6) 1              mechanical_stress (..., 6) Pa    mechanical_p, mechanical_q Pa
+        material_strain (..., 6) 1                material_stress (..., 6) Pa      material_p, material_q Pa
+        local_distance sqrt(J/m^3)                datum: index into the data set, 1
+    """
 
     corners: Array
     midpoint: Array

@@ -35,6 +35,8 @@ class Load(Protocol):
 class Traction:
     """Dead traction in Pa on a side, per area at rest.
 
+    ``value`` is three numbers, or a function of coordinates (k, 3) in m that gives (k, 3).
+
     Example:
         >>> operator = dd.StrainOperator(dd.box(MPI.COMM_WORLD, elements=(2, 2, 1), size=(4e-5, 4e-5, 2e-5)))
         >>> loaded = dd.Problem(operator, [dd.Displacement("left")], [dd.Traction("right", (15.0, 0.0, 0.0))])
@@ -61,6 +63,8 @@ class Traction:
 @dataclass(frozen=True)
 class BodyForce:
     """Dead force in N/m^3 at rest in a region of the mesh, or in all of it.
+
+    ``value`` is three numbers, or a function of coordinates (k, 3) in m that gives (k, 3).
 
     Example:
         >>> operator = dd.StrainOperator(dd.box(MPI.COMM_WORLD, elements=(2, 2, 1), size=(4e-5, 4e-5, 2e-5)))

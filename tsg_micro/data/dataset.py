@@ -1,20 +1,7 @@
 """The material data set: pairs of strain and stress with all that is needed to trust and reuse them.
 
 One HDF5 schema (version 1). Root attributes: ``format`` = "tsgdd-dataset", ``schema``, ``stress_measure``,
-``seed``, ``parameters`` and ``versions`` (JSON). Arrays, N points, each with an attribute ``unit``:
-
-    strain (N,6) 1, stress (N,6) Pa              Mandel order xx, yy, zz, yz, xz, xy (tsg_micro.data.mandel)
-    path (N) 1, step (N) 1                       which loading path, and which step along it
-    tangent (N,6,6) Pa                 optional  d stress / d strain, all six strains prescribed
-    deformation_gradient (N,3,3) 1     optional  F, needed to change the stress measure
-    energy (N) J/m^3                   optional  stored energy per reference volume
-    midpoint (N,3) m                   optional  where each point was read off, for block means of a structure
-    support (N,6) Pa                   optional  what clamps carry beside the stress (tsg_micro.continuum.rve)
-    support_tangent (N,6,6) Pa         optional  d support / d strain
-    bar_force (N) N                    optional  f_b of each point, in a tissue whose bar force varies
-    bar_force_rate (N,6) Pa/N          optional  d stress / d f_b at fixed strain
-    source (N) 1                       optional  which of the joined runs a point is from
-
+``seed``, ``parameters`` and ``versions`` (JSON). Arrays as :class:`Dataset` has them, each with an attribute ``unit``.
 The attribute ``silent`` (JSON, none if it is not there) names strain components that the data say nothing about.
 """
 
@@ -89,7 +76,19 @@ _WHOLE = ("path", "step", "source")
 class Dataset:
     """Material data: Mandel strain (N,6) and stress (N,6) in Pa, and where they come from.
 
-    The strain is the symmetric displacement gradient (small strain); ``stress_measure`` names the stress.
+    The strain is the symmetric displacement gradient (small strain); ``stress_measure`` names the stress. N points::
+
+        strain (N,6) 1, stress (N,6) Pa              Mandel order xx, yy, zz, yz, xz, xy (tsg_micro.data.mandel)
+        path (N) 1, step (N) 1                       which loading path, and which step along it
+        tangent (N,6,6) Pa                 optional  d stress / d strain, all six strains prescribed
+        deformation_gradient (N,3,3) 1     optional  F, needed to change the stress measure
+        energy (N) J/m^3                   optional  stored energy per reference volume
+        midpoint (N,3) m                   optional  where each point was read off, for block means of a structure
+        support (N,6) Pa                   optional  what clamps carry beside the stress (tsg_micro.continuum.rve)
+        support_tangent (N,6,6) Pa         optional  d support / d strain
+        bar_force (N) N                    optional  f_b of each point, in a tissue whose bar force varies
+        bar_force_rate (N,6) Pa/N          optional  d stress / d f_b at fixed strain
+        source (N) 1                       optional  which of the joined runs a point is from
 
     A component in ``silent``, among xx, yy, zz, yz, xz, xy, has zero strain and zero stress at all points because
     nothing drove it, as the out-of-plane shear of a free sheet. The points say nothing of what it would do to the

@@ -29,6 +29,7 @@ class NewtonOptions:
     smallest_part: float = 1.0 / 256.0
     """Of a load step, below which the equilibrium counts as lost."""
     linear_solver: str = "auto"
+    """Of the factorisations: superlu, pardiso, mumps, or what suits the size and is installed."""
 
     def __post_init__(self) -> None:
         for name in ("tolerance", "max_elongation", "max_iterations", "smallest_part"):

@@ -33,6 +33,7 @@ class Equilibrium:
     H: Array
     """Macroscopic displacement gradient (3, 3) of a periodic structure."""
     members: MemberState
+    """Lengths, vectors and forces of all members."""
     energy: float
     """Stored energy, J."""
     reaction: Array
@@ -50,6 +51,7 @@ class Equilibrium:
     """Tendons without tension that are allowed to go slack."""
     solver: Choice
     history: tuple[Iteration, ...]
+    """Every iteration of the load steps."""
 
 
 class EquilibriumSolver:
