@@ -13,6 +13,7 @@ error = change rho / (1 - rho).
 from __future__ import annotations
 
 import itertools
+import math
 import time
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Self
@@ -186,6 +187,7 @@ class PreparedAdaptive:
             error = numbers["error"]
             told = f": estimated error {error:.2e}" if error is not None else ""
             watch.say(f"{data.rves} RVEs, {len(known)} data{told}")
+            watch.done(_part_done(plan, data.rves, error))
             if error is not None and error <= plan.tolerance:
                 rounds.reason = "estimated error reached"
             elif data.rves >= plan.budget:
@@ -200,6 +202,12 @@ class PreparedAdaptive:
         found = {f.name: getattr(result, f.name) for f in fields(result)}
         parts = tuple(part.all for part in data.parts)
         return AdaptiveResult(**found, rounds=tuple(rounds.done), adapt_reason=rounds.reason, part_data=parts)
+
+
+def _part_done(plan: Adaptation, rves: int, error: float | None) -> float:
+    """The part of the budget that is used, or of the way of the error down to the tolerance, as far as either is."""
+    near = 0.0 if not error or error >= 1.0 else math.log(max(error, plan.tolerance)) / math.log(plan.tolerance)
+    return min(max(rves / plan.budget, near), 1.0)
 
 
 class _Rounds:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -72,13 +73,17 @@ class PreparedLaw:
         self, start: MechanicalState | None = None, watch: Watch = SILENT, *, start_factor: float = 0.0
     ) -> ReferenceResult:
         """The solution, from rest, or from ``start`` that is in equilibrium under the part ``start_factor``."""
-        begin = time.perf_counter()
+        method = self.method
+        begin, reached = time.perf_counter(), [start_factor, start_factor]  # before the last load, and at it
 
         def progress(it: NewtonIteration) -> None:
             seconds = time.perf_counter() - begin
+            if it.load != reached[1]:  # a step that was halved begins where it did before
+                reached[:] = reached[it.load > reached[1]], it.load
+            near = math.log(min(max(it.residual, method.options.tolerance), 1.0)) / math.log(method.options.tolerance)
+            watch.done(reached[0] + (reached[1] - reached[0]) * near)
             watch.say(f"load {it.load:.4g}, step {it.step:.4g}: residual {it.residual:.2e}, {seconds:.0f} s")
 
-        method = self.method
         given = None if start is None or start_factor == 0.0 else (start_factor, start.u)
         result = equilibrium(
             self.problem, self.law, steps=method.steps, start=given, options=method.options, progress=progress

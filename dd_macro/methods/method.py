@@ -70,10 +70,13 @@ class Material:
 
 @dataclass(frozen=True)
 class Watch:
-    """Who is told how a solve goes: a line at a time, and the data so far of a method that adds to them."""
+    """Who is told how a solve goes: a line at a time, the data so far of a method that adds to them, and the part of
+    the work that is done, in [0, 1], as far as it is known.
+    """
 
     say: Callable[[str], None] = lambda text: None
     keep: Callable[[Dataset], None] = lambda dataset: None
+    done: Callable[[float], None] = lambda part: None
 
 
 SILENT = Watch()

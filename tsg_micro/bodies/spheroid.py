@@ -159,10 +159,12 @@ def compress_spheroid(
     *,
     linear_solver: str = "auto",
     say: Callable[[str], None] = lambda text: None,
+    progress: Callable[[int], None] = lambda done: None,
 ) -> Compression:
     """Follow the equilibrium of ``body`` from rest through rising ``levels`` (k,) of the load, each one stable.
 
     A ``pressure`` is in Pa and follows the surface; a ``displacement`` of it is over the distance from the centre.
+    ``progress`` is told how many levels are done.
 
     Where it is lost it ends with what was reached.
 
@@ -178,6 +180,7 @@ def compress_spheroid(
         if reached:
             records.append(_record(body, *reached))
             say(_words(load, records, time.perf_counter() - begin))
+            progress(len(records) - 1)
         if lost:
             reason = lost
             say(f"stopped: {lost}")

@@ -28,6 +28,7 @@ from tsg_micro.data.dataset import write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from tsg_micro.data.mandel import pressure, to_mandel, von_mises
+from workflows.runs.progress import tracked
 from workflows.runs.voxel_scene import VoxelScene, scene_loads, voxel_scene
 from workflows.store.checkpoint import (
     Checkpoint,
@@ -138,7 +139,7 @@ def _follow(
     if resumed:
         say(f"going on after step {resumed} of {steps}")
         body.resume(state.displacement, levels[resumed - 1])
-    for number in range(resumed, steps):
+    for number in tracked(range(resumed, steps), "load steps"):
         result = body.load(levels[number])
         now = time.perf_counter()
         assert result.negative_pivots is not None  # a stable solution has been factorised

@@ -27,6 +27,7 @@ from tsg_micro.data.mandel import pressure, von_mises
 from tsg_micro.data.memory import available_memory
 from tsg_micro.equilibrium.linear_solvers import choose_backend
 from workflows.runs.loads import LOADS, check_load
+from workflows.runs.progress import tracked
 from workflows.store.checkpoint import (
     Checkpoint,
     LoadStep,
@@ -123,7 +124,7 @@ def _follow(
     if resumed:
         say(f"going on after step {resumed} of {steps}")
         body.resume(state.displacement)
-    for number in range(resumed + 1, steps + 1):
+    for number in tracked(range(resumed + 1, steps + 1), "load steps"):
         result = body.load(strains[number])
         now = time.perf_counter()
         step, last = _record(result, now - last), now

@@ -22,6 +22,7 @@ from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from workflows.runs.edges import in_parts, specs_of
+from workflows.runs.progress import progress
 from workflows.runs.scene import Scene
 from workflows.runs.scene_figures import draw_solution
 from workflows.store.record import drop_summary, peak_memory, write_summary
@@ -67,7 +68,8 @@ def fe2(
     say(f"{problem.operator.global_dofs} unknowns, {points} RVEs on {ranks}")
     ready = time.perf_counter()
     method = dd.LawMethod(steps=steps, options=options or dd.ReferenceOptions())
-    solution = method.prepare(problem, material).solve(watch=dd.Watch(say))
+    with progress("FE2") as told:
+        solution = method.prepare(problem, material).solve(watch=dd.Watch(say, done=told))
     done = time.perf_counter()
 
     drop_summary(out, comm)

@@ -28,6 +28,7 @@ from tsg_micro.data.hdf5 import write_hdf5
 from tsg_micro.equilibrium.linear_solvers import choose_backend
 from tsg_micro.equilibrium.load_path import Equilibrium
 from workflows.runs.loads import check_load
+from workflows.runs.progress import progress
 from workflows.store.limits import check_count, check_memory
 from workflows.store.record import peak_memory, write_summary
 
@@ -97,8 +98,10 @@ def monolayer(
     def record(step: int, structure: Structure, state: Equilibrium) -> None:
         if series and (step % write_every == 0 or step == steps):
             series.add(step, structure, state)
+        told(step)
 
-    result = stretch_sheet(sheet, strains, say=say, record=record)
+    with progress("load steps", steps) as told:
+        result = stretch_sheet(sheet, strains, say=say, record=record)
     seconds = time.perf_counter() - begin
     cells = cell_strain(result)
     _write_cells(out / "cells.h5", cells)

@@ -28,6 +28,7 @@ from tsg_micro.data.dataset import Dataset, append_dataset, convert_dataset, rea
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import locked, output_file
 from tsg_micro.data.stress import check_measure
+from workflows.runs.progress import progress
 from workflows.runs.ranks import world
 from workflows.runs.sample_kept import KeptPaths
 from workflows.store.checkpoint import fingerprint
@@ -141,7 +142,12 @@ def sample(
     left = kept.left(paths)
     processes = max(1, min(len(left), processes or os.cpu_count() or 1)) if comm is None else 1
     begin = time.perf_counter()
-    with _progress(-(-len(left) // size) if rank == 0 else None) as advance:
+    with progress("sampling", -(-len(left) // size)) as told:
+        count = itertools.count(1)
+
+        def advance() -> None:
+            told(next(count))
+
         if processes > 1:
             _in_processes(processes, plan, left, kept, advance)
         else:
@@ -234,23 +240,6 @@ def _check_append(out: Path, plan: Plan, stress_measure: str) -> None:
         drawn = source.get("load"), source.get("seed")
         if drawn == (plan.load, plan.seed) and RVESpec.from_parameters(source) == plan.spec:
             raise InputError(f"seed: expected another than that of the data in {out}, got {plan.seed} again")
-
-
-@contextmanager
-def _progress(paths: int | None) -> Iterator[Callable[[], None]]:
-    """A bar with the time left, for ``paths`` paths; None draws nothing."""
-    if paths is None:
-        yield lambda: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
-
-    count = (BarColumn(), MofNCompleteColumn())
-    with Progress(
-        "sampling", *count, "paths", TimeElapsedColumn(), "left", TimeRemainingColumn(), console=Console(stderr=True)
-    ) as progress:
-        task = progress.add_task("", total=paths)
-        yield lambda: progress.advance(task)
 
 
 def _in_processes(processes: int, plan: Plan, left: list[int], kept: KeptPaths, advance: Callable[[], None]) -> None:

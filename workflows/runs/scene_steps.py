@@ -6,6 +6,7 @@ import json
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +21,16 @@ from tsg_micro.data.dataset import Dataset, write_dataset
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.files import atomic_path
 from workflows.runs.edges import in_parts
+from workflows.runs.progress import progress
 from workflows.runs.scene_checkpoint import Standing, read_standing, remove_standing, write_standing
 
 __all__ = ["Steps"]
 
 _SERIES = "fields.vtkhdf.series"
+
+
+def _tell(told: Callable[[float], None], before: float, part: float) -> None:
+    told(before + part)
 
 
 class Steps:
@@ -73,8 +79,10 @@ class Steps:
             (self.out / _SERIES).unlink(missing_ok=True)
         dofs, size = self.problem.operator.global_dofs, comm.size
         self.say(f"{dofs} unknowns on {size} rank{'s' * (size > 1)}")
-        for number in range(done + 1, len(self.factors) + 1):
-            self._step(number)
+        with progress("solve", len(self.factors) - done) as told:
+            for number in range(done + 1, len(self.factors) + 1):
+                self._step(number, partial(_tell, told, number - 1.0 - done))
+                told(float(number - done))
         return done
 
     def finish(self) -> None:
@@ -104,13 +112,13 @@ class Steps:
         assert self._last is not None
         return self._last
 
-    def _step(self, number: int) -> None:
+    def _step(self, number: int, told: Callable[[float], None]) -> None:
         """Solve step ``number``, from 1, and write it."""
         factors, clock = self.factors, time.perf_counter()
         factor = factors[number - 1]
         prepared = self._prepare(factor)
         try:
-            self._last = self._solved(prepared, factor)
+            self._last = self._solved(prepared, factor, dd.Watch(self.say, self._keep, told))
         except ConvergenceError as error:
             where = f"step {number} of {len(factors)}, load {factor:g}"
             raise ConvergenceError(f"{where}: {error}", error.history) from None
@@ -132,9 +140,9 @@ class Steps:
         self._prepared = self.method.prepare(self.problem.at(factor), material, projection=projection)
         return self._prepared
 
-    def _solved(self, prepared: dd.Prepared, factor: float) -> dd.Solution:
+    def _solved(self, prepared: dd.Prepared, factor: float, watch: dd.Watch) -> dd.Solution:
         """From the last step on, if there was one that was loaded."""
-        watch, last = dd.Watch(self.say, self._keep), self._state
+        last = self._state
         if last is None or self._at == 0.0:
             return prepared.solve(watch=watch)
         if isinstance(prepared, PreparedLaw):

@@ -21,6 +21,7 @@ from tsg_micro.data.files import output_folder
 from workflows.runs.adaptation import rve_of, source_for
 from workflows.runs.checks import check_limit, judge
 from workflows.runs.edges import data_of, in_parts, inside_of, sampled_places, specs_of
+from workflows.runs.progress import progress
 from workflows.runs.rest import with_rest
 from workflows.runs.scene import Scene, read_material, tissue_of
 from workflows.runs.scene_figures import draw_solution
@@ -200,7 +201,8 @@ def _solution(
     chosen = f", {prepared.text}" if prepared.text else ""
     dofs = prepared.problem.operator.global_dofs
     say(f"{dofs} unknowns on {comm.size} rank{'s' * (comm.size > 1)}{chosen}")
-    found = prepared.solve(watch=dd.Watch(say, keep))
+    with progress("solve") as told:
+        found = prepared.solve(watch=dd.Watch(say, keep, told))
     done = time.perf_counter()
     say(f"{found.iterations} iterations ({found.reason}), normalised distance {found.normalised_distance:.2%}")
     took = {"seconds": done - begin, "seconds_metric": prepared.seconds_metric, "seconds_setup": ready - begin}

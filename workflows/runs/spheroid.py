@@ -25,6 +25,7 @@ from tsg_micro.continuum.response import compressed_tendons
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import atomic_path, output_folder
 from tsg_micro.equilibrium.linear_solvers import choose_backend
+from workflows.runs.progress import progress
 from workflows.store.limits import check_count, check_memory
 from workflows.store.record import peak_memory, write_summary
 
@@ -80,7 +81,8 @@ def spheroid(
     body = build_spheroid(tissue, radius=radius, profile=profile, decay=decay)
     out = output_folder(out)
     levels = level * np.arange(1, steps + 1) / steps
-    result = compress_spheroid(body, load, levels, linear_solver=linear_solver, say=say)
+    with progress("levels", steps) as told:
+        result = compress_spheroid(body, load, levels, linear_solver=linear_solver, say=say, progress=told)
     reached = result.records[-1].level
     stiffness = result.lowest_stiffness() if reached < level else None
     seconds = time.perf_counter() - begin

@@ -21,6 +21,7 @@ from dd_macro.results.compare_bodies import inner_blocks
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.files import output_folder
 from tsg_micro.data.mandel import pressure, von_mises
+from workflows.runs.progress import tracked
 from workflows.runs.tensegrity import read_blocks
 from workflows.store.record import read_summary, write_summary, write_table
 from workflows.store.stages import Stages
@@ -56,7 +57,7 @@ def accuracy(
     models = [case.check(options or {}) for case in cases]  # bad options come first
     stages = Stages(output_folder(out), say)
     rows: list[dict[str, Any]] = []
-    for case in cases:
+    for case in tracked(cases, "cases"):
         dns = case.dns(stages, say)
         for row in _rows(case, options or {}, dns, parts=parts):
             rows.append(row)

@@ -24,6 +24,7 @@ from threadpoolctl import threadpool_limits
 
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.files import output_folder
+from workflows.runs.progress import progress
 from workflows.store.record import write_summary, write_table
 from workflows.studies.stability_macro import METHODS, MacroCase, draw_macro, sampled
 from workflows.studies.stability_micro import SCENES, MicroCase, draw_micro
@@ -80,10 +81,12 @@ def stability(
         cases += draw_macro(scene, macro, seed)
     rows: list[Row] = []
     last = {case.scene: k for k, case in enumerate(cases)}
-    for k, row in enumerate(_all(cases, limit, processes)):
-        rows.append(row)
-        if last[row["scene"]] == k:
-            say(f"{row['scene']:14} {_told(rows, row['scene'])}")
+    with progress("cases", len(cases)) as told:
+        for k, row in enumerate(_all(cases, limit, processes)):
+            rows.append(row)
+            told(k + 1.0)
+            if last[row["scene"]] == k:
+                say(f"{row['scene']:14} {_told(rows, row['scene'])}")
     tables = {"micro": [r for r in rows if r["scene"] in SCENES], "macro": [r for r in rows if r["scene"] in METHODS]}
     for name, table in tables.items():
         if table:

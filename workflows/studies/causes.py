@@ -12,6 +12,7 @@ from tsg_micro.data.dataset import Dataset, convert_dataset, read_dataset
 from tsg_micro.data.errors import ConvergenceError
 from tsg_micro.data.files import output_folder
 from workflows.runs.loads import LOADS
+from workflows.runs.progress import tracked
 from workflows.runs.tensegrity import read_blocks
 from workflows.store.record import write_summary, write_table
 from workflows.studies.one_load import COLUMNS, Bench, Inputs, Study, make_bench
@@ -46,7 +47,7 @@ def causes(study: Study, *, plots: bool = True) -> dict[str, Any]:
     out, load = output_folder(study.out), study.load
     found = study.prepare()
     rows: list[dict[str, Any]] = []
-    for change in _changes(study, found):
+    for change in tracked(list(_changes(study, found)), "changes"):
         blocks = read_blocks(change.dns, change.material.stress_measure)
         bench = make_bench(found.scene, change.metric, change.material, blocks)
         row, own = _solve(bench, change.material), _solve(bench, blocks)

@@ -21,6 +21,7 @@ from dd_macro.methods.projection import relative_distance
 from tsg_micro.data.dataset import Dataset, take
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.files import output_folder
+from workflows.runs.progress import tracked
 from workflows.runs.scene import Scene, read_material
 from workflows.store.record import write_summary, write_table
 from workflows.store.stages import Stages
@@ -78,7 +79,7 @@ def convergence(
     given = None if data is None else read_material(data, chain.scene(loads[0]))
     stages = stages or Stages(output_folder(out), say)
     rows: list[dict[str, Any]] = []
-    for study in studies:
+    for study in tracked(studies, "loads"):
         scene = chain.scene(study.load)
         dataset = given or read_material(chain.data(stages, study.load), scene)
         if max(sizes or [0]) > len(dataset):

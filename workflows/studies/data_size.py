@@ -15,6 +15,7 @@ from tsg_micro.data.dataset import Dataset, take
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import check_regular, output_folder
 from workflows.runs.loads import LOADS
+from workflows.runs.progress import tracked
 from workflows.runs.tensegrity import describe, read_blocks
 from workflows.store.checkpoint import fingerprint
 from workflows.store.record import read_summary, write_summary, write_table
@@ -112,7 +113,7 @@ def _draws(
     there = {int(row["draw"]) for row in rows}
     if there:
         say(f"{len(there)} of {draws} draws are in {file.name} already")
-    for draw in sorted(set(range(draws)) - there):
+    for draw in tracked(sorted(set(range(draws)) - there), "draws"):
         order = np.random.default_rng([draw, len(dataset)]).permutation(len(dataset))
         for size in sizes if draw == 0 else sizes[:-1]:
             row, _ = bench.solve(take(dataset, order[:size]))

@@ -12,6 +12,7 @@ from tsg_micro.data.dataset import Dataset, take
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.files import output_folder
 from workflows.runs.loads import LOADS
+from workflows.runs.progress import tracked
 from workflows.runs.tensegrity import describe, read_blocks, solution_errors
 from workflows.store.record import read_summary, write_summary, write_table
 from workflows.studies.methods import named
@@ -58,7 +59,7 @@ def metric(
         study.say(f"default metric, {name}: {default[name].reason}")
     order = np.random.default_rng([0, many]).permutation(many)
     rows: list[dict[str, Any]] = []
-    for factor in sorted(set(factors)):
+    for factor in tracked(sorted(set(factors)), "metrics"):
         for name, method in methods.items():
             scaled = dd.Metric(factor * default[name].C, f"{factor:g} times as stiff")
             bench = make_bench(found.scene, scaled, found.dataset, blocks)

@@ -27,6 +27,7 @@ from tsg_micro.continuum.long_waves import COMPRESSED, buckling, negative_pivots
 from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
+from workflows.runs.progress import tracked
 from workflows.store.record import peak_memory, write_summary
 
 __all__ = ["IMAGES", "LOADINGS", "Sizes", "study_rve_size"]
@@ -151,7 +152,7 @@ def _compute(sizes: Sequence[int], tissues: Sequence[Tissue], say: Callable[[str
     for images in IMAGES:
         stored, change, seconds = (np.zeros(shape) for _ in range(3))
         P = np.zeros((*shape, 3, 3))
-        for k, n in enumerate(sizes):
+        for k, n in enumerate(tracked(sizes, f"sizes, images {images}")):
             for i, tissue in enumerate(tissues):
                 rve = RVESpec(tissue, (n, n, 1), images=images).build()
                 rest = rve.solve_strain(np.zeros(6)).energy

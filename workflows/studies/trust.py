@@ -20,6 +20,7 @@ from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.files import output_folder
 from workflows.runs.fe2 import fe2
+from workflows.runs.progress import tracked
 from workflows.runs.sample import sample
 from workflows.runs.solve import solve
 from workflows.store.record import read_summary, write_summary, write_table
@@ -58,7 +59,7 @@ def trust(
     stages = Stages(output_folder(out))
     drawn = [CUBE, *(draw_scene(first + k, largest=largest, most=most) for k in range(scenes))]
     rows: list[Row] = []
-    for scene in drawn:
+    for scene in tracked(drawn, "scenes"):
         asked = scene.parameters()
         folder = stages.run(f"scene-{scene.name}", asked, partial(_run, scene=scene))
         rows.append(asked | read_summary(folder, "study trust, a scene")["row"])
