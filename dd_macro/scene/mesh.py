@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -89,15 +90,25 @@ class TaggedMesh:
         return low, high, np.array(mean) / count
 
 
-def box(comm: MPI.Comm, *, elements: tuple[int, int, int], size: tuple[float, float, float]) -> TaggedMesh:
-    """Box [0, Lx] x [0, Ly] x [0, Lz] of nx x ny x nz equal hexahedra, its sides named as in SIDES.
+def box(
+    comm: MPI.Comm,
+    *,
+    elements: tuple[int, int, int],
+    size: tuple[float, float, float],
+    refine: int = 1,
+    halved: Collection[str] = (),
+) -> TaggedMesh:
+    """Box [0, Lx] x [0, Ly] x [0, Lz] of nx x ny x nz hexahedra, equal if none are halved, its sides named as in SIDES.
 
     Args:
+        comm: of the mesh.
         elements: (nx, ny, nz).
         size: (Lx, Ly, Lz) in m.
+        refine: parts of each element along each axis.
+        halved: sides at which there are twice as many across the two outer rows of elements.
 
     Raises:
-        InputError: not three positive integers, or not three positive lengths.
+        InputError: not three positive integers, or not three positive lengths, refine < 1, or an unknown side.
 
     Example:
         >>> body = dd.box(MPI.COMM_WORLD, elements=(4, 2, 1), size=(8e-5, 4e-5, 2e-5))
@@ -108,9 +119,16 @@ def box(comm: MPI.Comm, *, elements: tuple[int, int, int], size: tuple[float, fl
         raise InputError(f"elements: expected three positive integers, got {elements}")
     if len(size) != 3 or not all(np.isfinite(s) and s > 0 for s in size):
         raise InputError(f"size: expected three positive lengths in m, got {size}")
-    cell = dolfinx.mesh.CellType.hexahedron
-    n = [int(k) for k in elements]
-    mesh = dolfinx.mesh.create_box(comm, [np.zeros(3), np.array(size, dtype=float)], n, cell)
+    if refine < 1 or not set(halved) <= set(SIDES):
+        raise InputError(
+            f"refine, halved: expected at least 1, and some of {', '.join(SIDES)}, got {refine} and {sorted(halved)}"
+        )
+    ends = [(SIDES[2 * axis] in halved, SIDES[2 * axis + 1] in halved) for axis in range(3)]
+    planes = [size[axis] * _planes(int(elements[axis]), refine, ends[axis]) for axis in range(3)]
+    n = [len(x) - 1 for x in planes]
+    mesh = dolfinx.mesh.create_box(
+        comm, [np.zeros(3), np.array(size, dtype=float)], n, dolfinx.mesh.CellType.hexahedron
+    )
     facets, values = [], []
     for tag in range(6):
         axis, upper = divmod(tag, 2)
@@ -120,7 +138,21 @@ def box(comm: MPI.Comm, *, elements: tuple[int, int, int], size: tuple[float, fl
         )
         facets.append(found)
         values.append(np.full(len(found), tag + 1, dtype=np.int32))
+    if halved:
+        x = mesh.geometry.x
+        for axis in range(3):
+            x[:, axis] = planes[axis][np.rint(x[:, axis] * (n[axis] / size[axis])).astype(np.int64)]
     return _tagged(mesh, np.concatenate(facets), np.concatenate(values), {name: i + 1 for i, name in enumerate(SIDES)})
+
+
+def _planes(elements: int, refine: int, halved: tuple[bool, bool]) -> NDArray[np.float64]:
+    """Where the elements of an axis meet, from 0 to 1."""
+    parts = np.full(elements, refine)
+    for end, there in zip((slice(2), slice(-2, None)), halved, strict=True):
+        if there:
+            parts[end] = 2 * refine
+    places = np.interp(np.arange(parts.sum() + 1), np.cumsum([0, *parts]), np.arange(elements + 1))
+    return np.asarray(places / elements)
 
 
 def read_msh(

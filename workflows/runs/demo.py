@@ -60,7 +60,7 @@ def demo(
     solved = solve(
         out / "dd",
         data=data,
-        scene=Scene("stretch", strain, elements=(*blocks, 1)),
+        scene=Scene("stretch", strain, elements=(*blocks, 1), graded=False),
         say=lambda text: say(f"     {text}"),
     )
     say("4/4  comparison")

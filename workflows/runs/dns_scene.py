@@ -31,7 +31,8 @@ def dns_scene(
         InputError: the scene is not valid, its tissues differ in more than the bar force, or as body_dns.
         ConvergenceError: the equilibrium was lost.
     """
-    built = build(MPI.COMM_WORLD, model)
+    body = model.body.model_copy(update={"graded": False})
+    built = build(MPI.COMM_WORLD, model.model_copy(update={"body": body}))
     first, *others = built.tissues
     for name, tissue in zip(built.names[1:], others, strict=True):
         if (tissue.cell, tissue.law, tissue.unit) != (first.cell, first.law, first.unit):

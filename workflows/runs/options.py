@@ -156,6 +156,10 @@ Edges = Annotated[
     bool | None,
     typer.Option("--edges/--no-edges", help="Outer blocks are a tissue of their own, where there are RVEs; in sheets."),
 ]
+Graded = Annotated[
+    bool | None,
+    typer.Option("--graded/--no-graded", help="The two outer rows of blocks of a box are halved; in sheets."),
+]
 MergeNodes = Annotated[bool, typer.Option("--merge-nodes", help="Join nodes of the mesh that are at one place.")]
 Plots = Annotated[bool, typer.Option("--plots/--no-plots", help="Draw the figures and write the ParaView file.")]
 
@@ -288,6 +292,7 @@ class SceneOptions(Group):
     element: Element = None
     flat: Flat = False
     edges: Edges = None
+    graded: Graded = None
     kind: Annotated[
         KindName | None, typer.Option(help="Tissue, sheet or bulk; that of the data, else a sheet, if not given.")
     ] = None

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -21,6 +20,7 @@ from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import from_mandel
 from workflows.runs.loads import LOADS, check_load, check_reach
 from workflows.scenes.bodies import MOST_BLOCKS, PER_ELEMENT
+from workflows.scenes.grading import halved_sides
 from workflows.store.limits import check_memory
 
 __all__ = ["CLAMPS", "ELEMENTS", "KINEMATICS", "OLDER", "Scene", "read_material", "tissue_of"]
@@ -35,6 +35,7 @@ OLDER: dict[str, object] = {
     "merge_nodes": False,
     "edges": False,
     "refine": 1,
+    "graded": False,
     "kind": None,
 }
 """What the scene of a run was that does not say."""
@@ -52,7 +53,8 @@ class Scene:
     that are at one place. With ``edges`` the outer blocks at clamps and at free sides have a tissue of their own,
     where RVEs of it can be had; if None, those of a sheet have, since in bulk tissue it does not pay (docs/edges.md).
     ``kind`` of tissue is one of tsg_micro.continuum.rve_spec.KINDS, None where the data decide. A block has ``refine``
-    elements along each axis.
+    elements along each axis, twice as many across the two outer rows of blocks at every side of a ``graded`` box, since
+    stress varies within a block beside clamps and corners; by default sheets of the default element are.
     """
 
     load: str
@@ -68,6 +70,7 @@ class Scene:
     merge_nodes: bool = False
     edges: bool | None = None
     refine: int = 1
+    graded: bool | None = None
     kind: str | None = None
 
     def __post_init__(self) -> None:
@@ -83,6 +86,8 @@ class Scene:
             )
         if self.refine < 1 or (self.refine > 1 and self.mesh is not None):
             raise InputError(f"refine: expected at least 1, of a box, got {self.refine}")
+        if self.graded and self.mesh is not None:
+            raise InputError("graded: expected a box, --elements NX NY NZ, got a mesh")
         if (self.elements is None) == (self.mesh is None):
             raise InputError("elements, mesh: expected one of them, --elements NX NY NZ or --mesh FILE.msh")
 
@@ -96,9 +101,11 @@ class Scene:
         if min(self.elements) > 0:
             needed = PER_ELEMENT * (self.refine * self.degree) ** 3 * math.prod(self.elements)
             dd.parallel.together(comm, lambda: check_memory(f"elements: {math.prod(self.elements or ())}", needed))
-        elements: Any = tuple(self.refine * n for n in self.elements)
-        lengths: Any = tuple(block * n for n in self.elements)
-        return dd.box(comm, elements=elements, size=lengths)
+        nx, ny, nz = self.elements
+        held, back = ("bottom", "top"), ("back",) * self.flat
+        halved = halved_sides(self.elements, held, (*held, *back)) if self.parameters()["graded"] else ()
+        lengths = (block * nx, block * ny, block * nz)
+        return dd.box(comm, elements=self.elements, size=lengths, refine=self.refine, halved=halved)
 
     def problem(
         self,
@@ -164,9 +171,12 @@ class Scene:
         return self.degree == 1 and self.element == "trilinear"
 
     def parameters(self) -> dict[str, object]:
-        """For the summary; the element that is taken, None if of degree 2, and whether edges are where they can be."""
+        """For the summary; the element that is taken, None if of degree 2, and what is taken where nothing is said."""
         edges = self.kind != "bulk" if self.edges is None else self.edges
-        return asdict(self) | {"element": (self.element or ELEMENTS[0]) if self.degree == 1 else None, "edges": edges}
+        element = (self.element or ELEMENTS[0]) if self.degree == 1 else None
+        sheet = self.elements is not None and self.elements[2] == 1
+        graded = sheet and element == ELEMENTS[0] if self.graded is None else self.graded
+        return asdict(self) | {"element": element, "edges": edges, "graded": graded}
 
 
 def _lower_edges(domain: dd.TaggedMesh, moved: float) -> list[dd.Displacement]:

@@ -16,7 +16,7 @@ from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.radial_profiles import bar_force_profile
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.table import Column, read_numbers
-from workflows.scenes.bodies import extent
+from workflows.scenes.bodies import block_counts, extent
 from workflows.scenes.model import Profile, SceneModel
 
 __all__ = ["bar_forces"]
@@ -33,10 +33,11 @@ def bar_forces(
         InputError: a profile is not valid, or gives a force that the bars cannot carry; on all ranks.
     """
     middle = domain.mesh.geometry.x[geometry_nodes(domain.mesh)].mean(axis=1)
-    if scene.body.refine > 1:  # elements of one block are of one tissue
-        middle = (np.floor(middle / tissues[0].block) + 0.5) * tissues[0].block
+    ends, body, block = extent(domain), scene.body, tissues[0].block
+    if body.mesh is None:  # elements of one block are of one tissue
+        edge = block if body.spheroid is not None else (ends[1] - ends[0]) / block_counts(body, block)
+        middle = (np.floor(middle / edge) + 0.5) * edge
     found = np.empty(len(middle))
-    ends = extent(domain)
     for number, ((name, model), tissue) in enumerate(zip(scene.tissue.items(), tissues, strict=True)):
         own = cell_tissue == number
         found[own] = tissue.bar_force

@@ -14,10 +14,12 @@ import dd_macro as dd
 from dd_macro.parallel import span, total
 from tsg_micro.cells.lattice import box_cells, spheroid_cells
 from tsg_micro.data.errors import InputError
+from tsg_micro.data.voxels import SIDES
+from workflows.scenes.grading import halved_sides_of
 from workflows.scenes.model import Body, SceneModel
 from workflows.store.limits import check_memory
 
-__all__ = ["MOST_BLOCKS", "PER_ELEMENT", "extent", "make_body", "tissue_of_cells"]
+__all__ = ["MOST_BLOCKS", "PER_ELEMENT", "block_counts", "extent", "make_body", "tissue_of_cells"]
 
 MOST_BLOCKS = 1e5
 """Across a body; one of more, or of less than one, is most often in another unit."""
@@ -25,12 +27,13 @@ PER_ELEMENT = 15e3
 """Bytes that an element of degree 1 takes at least: its points, their operator, and its part of the matrix."""
 
 
-def make_body(comm: MPI.Comm, body: Body, block: float) -> dd.TaggedMesh:
-    """The mesh of ``body``, whose blocks have the edge ``block`` (m); collective.
+def make_body(comm: MPI.Comm, scene: SceneModel, block: float) -> dd.TaggedMesh:
+    """The mesh of the scene's body, whose blocks have the edge ``block`` (m); collective.
 
     Raises:
         InputError: it is not valid, too large, or smaller than a block.
     """
+    body = scene.body
     if body.mesh is not None:
         size = (block, MOST_BLOCKS * block)
         return dd.read_msh(body.mesh, comm, unit=body.unit, size=size, merge_nodes=body.merge_nodes)
@@ -42,13 +45,16 @@ def make_body(comm: MPI.Comm, body: Body, block: float) -> dd.TaggedMesh:
         except InputError as error:
             raise InputError(f"body.spheroid: {error}") from None
         return dd.voxel_mesh(comm, blocks, edge=block, refine=body.refine)
-    counts = body.blocks or _counts(body, block)
-    _check(comm, "blocks", math.prod(counts) * body.refine**3)
-    lengths = body.box or (*(body.sheet or ()), block)
-    if body.blocks is not None or np.allclose(lengths, block * np.array(counts), rtol=1e-9, atol=0):
-        return dd.voxel_mesh(comm, box_cells(*counts), edge=block, refine=body.refine)
-    nx, ny, nz = (body.refine * n for n in counts)
-    domain = dd.box(comm, elements=(nx, ny, nz), size=(lengths[0], lengths[1], lengths[2]))
+    counts = block_counts(body, block)
+    halved = halved_sides_of(scene, counts)
+    most = [min(2 * n, n + 2 * sum(SIDES.index(s) // 2 == axis for s in halved)) for axis, n in enumerate(counts)]
+    _check(comm, "blocks", math.prod(most) * body.refine**3)
+    x, y, z = body.box or (*(body.sheet or (block, block)), block)
+    if body.blocks is not None or np.allclose((x, y, z), block * np.array(counts), rtol=1e-9, atol=0):
+        if not halved:
+            return dd.voxel_mesh(comm, box_cells(*counts), edge=block, refine=body.refine)
+        x, y, z = (block * n for n in counts)
+    domain = dd.box(comm, elements=counts, size=(x, y, z), refine=body.refine, halved=halved)
     first, *others = domain.names.values()
     return replace(domain, names=domain.names | {"surface": first}, shared={"surface": tuple(others)})
 
@@ -57,8 +63,14 @@ def _check(comm: MPI.Comm, name: str, elements: float) -> None:
     dd.parallel.together(comm, lambda: check_memory(f"body.{name}: {elements:.0f} elements", PER_ELEMENT * elements))
 
 
-def _counts(body: Body, block: float) -> tuple[int, int, int]:
-    """Numbers of blocks nearest to the lengths of a box or sheet."""
+def block_counts(body: Body, block: float) -> tuple[int, int, int]:
+    """Numbers of blocks of a box or sheet; those nearest to its lengths.
+
+    Raises:
+        InputError: a length is too small, or too large.
+    """
+    if body.blocks is not None:
+        return body.blocks
     lengths = body.box or (*(body.sheet or ()), block)
     for length in lengths:
         if not 0.5 * block <= length <= MOST_BLOCKS * block:

@@ -63,6 +63,8 @@ class Body(_Strict):
     """All blocks whose centre is within so many block edges of the centre."""
     refine: Annotated[int, Strict(), Field(ge=1, le=8)] = 1
     """Elements along each edge of a block; not of a mesh."""
+    graded: Flag | None = None
+    """Outer blocks of a box are halved beside clamps; in sheets alone if nothing is said."""
 
     @model_validator(mode="after")
     def _check(self) -> Body:
@@ -71,6 +73,8 @@ class Body(_Strict):
             raise ValueError("expected unit and merge_nodes beside mesh alone, got none")
         if self.mesh is not None and self.refine != 1:
             raise ValueError(f"expected refine of bodies made of blocks, got {self.refine} of a mesh")
+        if self.graded and (self.mesh or self.spheroid):
+            raise ValueError("expected graded beside blocks, box or sheet, got another body")
         return self
 
 
@@ -223,3 +227,16 @@ class SceneModel(_Strict):
     support: tuple[Support, ...] = ()
     load: Annotated[tuple[Load, ...], Field(min_length=1)]
     solve: Solve = Solve()
+
+    @property
+    def held(self) -> set[str]:
+        """Sides that are held or moved as a whole, in all components."""
+        supports = {s.side for s in self.support if set(s.fix) == set("xyz") and not s.within}
+        moved = {s.side for s in self.load if s.displacement is not None and len(s.displacement) == 3 and not s.within}
+        return {side for side in supports | moved if isinstance(side, str)}
+
+    @property
+    def supported(self) -> set[str]:
+        """Sides with a support or a displacement, whole or in part."""
+        sides = [s.side for s in self.support] + [s.side for s in self.load if s.displacement is not None]
+        return {side for side in sides if isinstance(side, str)}

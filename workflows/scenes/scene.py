@@ -136,7 +136,7 @@ def build(comm: MPI.Comm, model: SceneModel) -> Built:
     tissues = tuple(tissue_named(name, one) for name, one in model.tissue.items())
     if model.body.mesh is None and len({tissue.block for tissue in tissues}) > 1:
         raise InputError("tissue: expected cells of one height in a body of blocks, got several")
-    domain = make_body(comm, model.body, tissues[0].block)
+    domain = make_body(comm, model, tissues[0].block)
     low, high = extent(domain)
     thick = (high - low)[2] > _THICK * tissues[0].block
     kinds = tuple(one.kind or ("bulk" if thick else "sheet") for one in model.tissue.values())

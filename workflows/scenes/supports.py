@@ -71,18 +71,8 @@ def held_and_free(domain: dd.TaggedMesh, scene: SceneModel) -> tuple[set[str], s
 
     A side that is loaded is not free: no stress passes through the outer blocks of a free one.
     """
-    held: set[str] = set()
-    touched: set[str] = set()
-    for support in scene.support:
-        if isinstance(support.side, str):
-            touched.add(support.side)
-            if set(support.fix) == set("xyz") and not support.within:
-                held.add(support.side)
-    for load in scene.load:
-        if isinstance(load.side, str):
-            touched.add(load.side)
-            if load.displacement is not None and len(load.displacement) == 3 and not load.within:
-                held.add(load.side)
+    held = scene.held
+    touched = scene.supported | {load.side for load in scene.load if isinstance(load.side, str)}
     facets = [domain.facets(side) for side in sorted(touched)]
     taken = np.unique(np.concatenate(facets)) if facets else np.zeros(0, dtype=np.int32)
     names = sorted(domain.names)

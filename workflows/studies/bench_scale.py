@@ -65,7 +65,7 @@ def scale(
         for count in ranks:
             for size in sorted(sizes):
                 folder = out / f"{name}-{size}-{count}".replace(" ", "-")
-                scene = ("--elements", 2 * size, size, 1, "--no-edges", "--no-plots", "--out", folder)
+                scene = ("--elements", 2 * size, size, 1, "--no-edges", "--no-graded", "--no-plots", "--out", folder)
                 if not _run(["solve", *options, *given, *scene], count, seconds):
                     say(f"{name}, {count} ranks, {size}: more than {seconds:g} s")
                     break

@@ -107,6 +107,27 @@ def test_voxels_of_a_file_are_those_of_voxel_mesh(comm, built):
     assert dd.StrainOperator(file).global_dofs == dd.StrainOperator(made).global_dofs
 
 
+def test_a_box_whose_outer_elements_are_halved(comm):
+    """At some of its sides; the body is the same, and so are its sides."""
+    length, width, thickness = SIZE
+    body = dd.box(comm, elements=(6, 3, 1), size=SIZE, refine=2, halved=("left", "bottom", "top"))
+    nodes = dd.StrainOperator(body).node_coordinates()
+    near, across = np.array([0, 0.25, 0.5, 0.75, 1, 1.25, 1.5, 1.75, 2]), np.arange(13) / 4
+    for axis, planes in ((0, [*near, 2.5, 3, 3.5, 4, 4.5, 5, 5.5, 6]), (1, across), (2, [0, 0.5, 1])):
+        edge = SIZE[axis] / (6, 3, 1)[axis]
+        found = np.abs(nodes[:, axis, None] / edge - np.array(planes))
+        assert found.min(axis=1).max(initial=0.0) < 1e-12  # every node on a plane
+        there = total(comm, np.bincount(found.argmin(axis=1), minlength=len(planes)).astype(float))
+        assert there.min() > 0  # and every plane has some
+    assert body.global_cells == 16 * 12 * 2
+    assert volumes(body)[""] == pytest.approx(length * width * thickness, rel=1e-12)
+    areas = {"left": width, "bottom": length, "right": width, "top": length}
+    for side, edge in areas.items():
+        assert area(body, side) == pytest.approx(edge * thickness, rel=1e-12)
+    with pytest.raises(InputError, match="halved: expected at least 1, and some of left"):
+        dd.box(comm, elements=(2, 2, 1), size=SIZE, halved=("up",))
+
+
 def test_gmsh_reads_what_is_written(comm, folder, gmsh):
     if comm.rank > 0:
         return

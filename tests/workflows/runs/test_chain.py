@@ -113,7 +113,7 @@ def test_same_fields_on_1_2_and_3_ranks(chain, launch, read_summary, is_png, tmp
 
 def test_a_rank_without_elements(chain, tsgdd, launch, read_summary, tmp_path):
     def top_force(run, **options):
-        scene = ("--elements", 1, 2, 1, "--no-plots", "--out", tmp_path)
+        scene = ("--elements", 1, 2, 1, "--no-graded", "--no-plots", "--out", tmp_path)
         done = run("solve", "--data", chain.data, *scene, **options)
         assert done.code == 0, done.err
         return read_summary(tmp_path)["top_force"]

@@ -45,7 +45,7 @@ def test_a_limit_of_the_error(chain, tsgdd, read_summary, tmp_path, limit):
     assert ("expected at most 0.0% (--max-error), got" in done.err) == (limit < 1)
     summary = read_summary(tmp_path)
     assert (summary["within_max_error"], summary["parameters"]["max_error"]) == (limit > 1, limit)
-    assert dd.read_quadrature(tmp_path / "quadrature.h5").weight.shape == (16, 8)
+    assert dd.read_quadrature(tmp_path / "quadrature.h5").weight.shape == (64, 8)
 
 
 def test_a_limit_that_is_none(chain, tsgdd, tmp_path):

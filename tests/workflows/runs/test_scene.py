@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 import dd_macro as dd
+from dd_macro.results.compare_bodies import block_means, inner_blocks
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.data.dataset import Dataset, take, write_dataset
 from tsg_micro.data.errors import InputError
@@ -60,9 +62,44 @@ def test_element_of_the_scene(kinematics):
         ({"element": "enhanced"}, "enhanced", 96 + 9 * 9),
         ({"degree": 2}, None, 3 * 7 * 7 * 3),
     ):
-        scene = Scene("stretch", 0.02, (3, 3, 1), kinematics=kinematics, **more)
+        scene = Scene("stretch", 0.02, (3, 3, 1), kinematics=kinematics, graded=False, **more)
         assert scene.parameters()["element"] == name
         assert scene.problem(MPI.COMM_SELF).operator.owned_dofs == unknowns
+
+
+def test_halved_blocks_come_nearer_to_a_fine_mesh():
+    """Beside the corners of a clamped sheet: means of blocks, the outer ones left out, of one and the same law."""
+
+    def stress(**more):
+        problem = Scene("stretch", 0.02, (6, 6, 1), **more).problem(MPI.COMM_SELF)
+        result = dd.solve_law(problem.operator, dd.LinearLaw(C, np.zeros(6)), problem.supports)
+        operator = problem.operator
+        volume = operator.weights.reshape(-1, operator.points_per_cell).sum(axis=1)
+        blocks = np.stack(np.meshgrid(*[np.arange(6) + 0.5] * 2, [0.5], indexing="ij"), axis=-1).reshape(-1, 3) * BLOCK
+        mean = operator.cell_mean(result.mechanical.stress)
+        found = block_means(operator.cell_corners.mean(axis=1), volume, mean, blocks, BLOCK)
+        return found[inner_blocks(blocks, BLOCK)]
+
+    fine = stress(refine=4, graded=False)
+    coarse, graded = (np.linalg.norm(stress(graded=on) - fine) for on in (False, True))
+    assert graded < 0.5 * coarse
+
+
+def test_default_scenes_are_graded_where_it_pays():
+    for given, on in (
+        (Scene("stretch", 0.02, (6, 4, 1)), True),
+        (Scene("stretch", 0.02, (6, 4, 2)), False),
+        (Scene("stretch", 0.02, (6, 4, 1), element="trilinear"), False),
+        (Scene("stretch", 0.02, (6, 4, 1), degree=2), False),
+        (Scene("stretch", 0.02, (6, 4, 1), graded=False), False),
+        (Scene("stretch", 0.02, (6, 4, 2), graded=True), True),
+        (Scene("stretch", 0.02, mesh=Path("any.msh")), False),
+    ):
+        assert given.parameters()["graded"] is on
+    whole = Scene("stretch", 0.02, (6, 4, 2), graded=True, flat=True).build(MPI.COMM_SELF)
+    assert whole.global_cells == 10 * 8 * 4
+    with pytest.raises(InputError, match="graded: expected a box"):
+        Scene("stretch", 0.02, mesh=Path("any.msh"), graded=True)
 
 
 def test_a_flat_sheet_needs_its_back():

@@ -207,9 +207,35 @@ def test_bodies(body, extent, cells):
     np.testing.assert_allclose(np.ptp(x, axis=0) * 20.0, extent, rtol=1e-12)
     assert np.abs(found.forces).max() > 0
     np.testing.assert_allclose(nodal(found.forces, x).sum(axis=0), 0.0, atol=1e-12 * np.abs(found.forces).max())
-    one, _ = problem(text.replace(FREE, HELD) + PUSHED.replace("surface", "front"))
+    one, x = problem(text.replace(FREE, HELD) + PUSHED.replace("surface", "front"))
     area = {"spheroid = 2": 4 * 400}.get(body, extent[0] * extent[1])
     np.testing.assert_allclose(nodal(one.forces, x).sum(axis=0)[2], -3e-12 * area, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("body", "more", "elements"),
+    [
+        ("blocks = [6, 3, 1]", "", 8 * 6),  # held at the left: its corners are at bottom and top
+        ("blocks = [6, 3, 1]\ngraded = false", "", 6 * 3),
+        ("blocks = [6, 3, 1]\nrefine = 2", "", 16 * 12 * 2),
+        ('sheet = ["115 um", "63 um"]', "", 8 * 6),
+        ("blocks = [6, 3, 1]", '[solve]\nelement = "trilinear"\n', 6 * 3),
+        ("blocks = [6, 3, 1]", "[solve]\ndegree = 2\n", 6 * 3),
+        ("blocks = [6, 3, 2]", "", 6 * 3 * 2),
+        ("blocks = [6, 3, 2]\ngraded = true", "", 8 * 6 * 4),
+        ("blocks = [6, 5, 1]", '[[support]]\nside = "bottom"\nfix = "normal"\n', 8 * 7),
+        ("blocks = [6, 5, 1]", '[[load]]\nside = "right"\ndisplacement = ["1 um", 0, 0]\n', 10 * 9),
+    ],
+)
+def test_outer_blocks_of_a_sheet_are_halved_where_it_is_held(body, more, elements):
+    """And where sides without support meet a clamp; a block's elements are of its own bar force."""
+    text = f'[body]\n{body}\n[tissue.one]\nbar_force = {{profile = "linear", f_max = 1e-8}}\n{HELD}{PUSHED}{more}'
+    built = build(MPI.COMM_SELF, scene_of(tomllib.loads(text)))
+    assert built.domain.global_cells == elements
+    edge = np.ptp(built.domain.mesh.geometry.x, axis=0) / [6, 5 if "5, 1" in body else 3, 2 if ", 2]" in body else 1]
+    _, block = np.unique(np.floor(middles(built) / edge), axis=0, return_inverse=True)
+    for k in np.unique(block):
+        np.testing.assert_allclose(built.bar_force[block == k], built.bar_force[block == k][0], rtol=1e-12)
 
 
 @pytest.mark.parametrize("element", ["enhanced", "trilinear"])
