@@ -206,7 +206,9 @@ class PreparedAdaptive:
 
 def _part_done(plan: Adaptation, rves: int, error: float | None) -> float:
     """The part of the budget that is used, or of the way of the error down to the tolerance, as far as either is."""
-    near = 0.0 if not error or error >= 1.0 else math.log(max(error, plan.tolerance)) / math.log(plan.tolerance)
+    near = 0.0
+    if error is not None and error < 1.0 and plan.tolerance > 0.0:
+        near = math.log(max(error, plan.tolerance)) / math.log(plan.tolerance)
     return min(max(rves / plan.budget, near), 1.0)
 
 
