@@ -24,7 +24,6 @@ from tsg_micro.data.files import output_folder
 from workflows.runs.edges import in_parts, specs_of
 from workflows.runs.progress import progress
 from workflows.runs.scene import Scene
-from workflows.runs.scene_figures import draw_solution
 from workflows.store.record import drop_summary, peak_memory, write_summary
 
 __all__ = ["MEASURE", "fe2"]
@@ -88,6 +87,8 @@ def fe2(
     if comm.rank == 0:
         summary = write_summary(out, command="fe2", parameters=parameters, figures=figures)
         if plots:
+            from workflows.runs.scene_figures import draw_solution
+
             draw_solution(out, solution)
     return comm.bcast(summary)
 

@@ -24,7 +24,6 @@ from workflows.runs.edges import data_of, in_parts, inside_of, sampled_places, s
 from workflows.runs.progress import progress
 from workflows.runs.rest import with_rest
 from workflows.runs.scene import Scene, read_material, tissue_of
-from workflows.runs.scene_figures import draw_solution
 from workflows.store.record import drop_summary, peak_memory, write_summary
 
 __all__ = ["solve"]
@@ -177,6 +176,8 @@ def solve(
         parameters = asked.parameters(solution.dataset) | {"max_error": max_error}
         summary = write_summary(out, command="solve", parameters=parameters, figures=figures)
         if plots:
+            from workflows.runs.scene_figures import draw_solution
+
             draw_solution(out, solution)
     verdict.enforce()
     return comm.bcast(summary)

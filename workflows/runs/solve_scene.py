@@ -15,7 +15,6 @@ from dd_macro.parallel import together
 from tsg_micro.data.files import output_folder
 from workflows.runs.checks import check_limit, judge_scene
 from workflows.runs.materials import TissueData, method_of, read_tissues, the_material
-from workflows.runs.scene_figures import draw_scene
 from workflows.runs.scene_steps import Steps
 from workflows.scenes.model import SceneModel
 from workflows.scenes.scene import Built, build
@@ -80,6 +79,8 @@ def solve_scene(
     if comm.rank == 0:
         summary = write_summary(out, command=command, parameters=parameters, figures=figures)
         if plots:
+            from workflows.runs.scene_figures import draw_scene
+
             draw_scene(out, steps.solution, steps.rows)
     steps.finish()
     if verdict is not None:

@@ -293,6 +293,10 @@ finally:
         ("solve --help", set()),
         ("structure --cells 1 1 1 --no-plots --out {}", {"numpy", "scipy", "h5py"}),
         ("sample --paths 1 --steps 1 --processes 1 --no-plots --out {}/d.h5", {"numpy", "scipy", "h5py"}),
+        (
+            "solve --adapt --bar-force 1e-8 --elements 2 1 1 --no-edges --no-plots --out {}",
+            HEAVY - {"matplotlib", "meshio", "gmsh"},
+        ),
         ("dns --blocks 1 1 --steps 1 --no-plots --out {}", {"numpy", "scipy", "h5py"}),
         ("dns --blocks 1 1 --steps 1 --out {}", {"numpy", "scipy", "h5py", "matplotlib", "meshio"}),
     ],
