@@ -44,7 +44,10 @@ myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 
 autodoc_default_options = {"members": True, "member-order": "bysource"}
-autodoc_type_aliases = {"Array": "Array", "ArrayLike": "ArrayLike"}
+nitpicky = True
+nitpick_ignore_regex = [("py:class", ".*")]  # types of other packages, and of the rooms inside
+autodoc_preserve_defaults = True
+python_maximum_signature_line_length = 100
 
 
 def _the_figure(block: Any, variables: dict[str, Any], gallery: dict[str, Any]) -> str:
@@ -80,6 +83,11 @@ def _plain(app: Sphinx, what: str, name: str, obj: object, options: object, line
             lines[i] = "".join(parts)
 
 
+def _short(app: Sphinx, what: str, name: str, obj: object, options: object, given: str | None, back: str | None) -> Any:
+    """Types by their own names, without those of the modules that they are from."""
+    return tuple(text and re.sub(r"~?(?:[A-Za-z_]\w*\.)+(?=[A-Za-z_])", "", text) for text in (given, back))
+
+
 def _command_line(app: Sphinx) -> None:
     """Write the page of all commands from their own help."""
     command = typer.main.get_command(tsgdd)
@@ -94,3 +102,4 @@ def setup(app: Sphinx) -> None:
     """What is done before the pages are read."""
     app.connect("builder-inited", _command_line, priority=100)
     app.connect("autodoc-process-docstring", _plain, priority=100)
+    app.connect("autodoc-process-signature", _short)

@@ -96,7 +96,7 @@ def fit_polynomial(
         mirrors: axes (of x, y, z) normal to the mirrors that the material is known to have; None: those that the data
             show (:func:`mirrors_of`).
         convex: ask for a convex energy at the data and around them, as stable materials have
-            (:func:`dd_macro.material.convexity.convexity_rows`).
+            (dd_macro.material.convexity).
 
     Raises:
         InputError: bad arguments, or strains or stresses that are all zero.

@@ -52,7 +52,7 @@ class MechanicalState:
 
 
 class Projection:
-    """The assembled and factorised projection of one problem; :meth:`of` makes it of a Problem.
+    """The assembled and factorised projection of one problem; :meth:`Projection.of` makes it of a Problem.
 
     The linear solver is that of :class:`dd_macro.scene.linear.LinearSolver`, its PETSc options have the prefix ``dd_``;
     ``solver`` says what is used.

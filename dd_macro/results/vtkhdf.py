@@ -58,7 +58,11 @@ def cell_fields(result: Solution) -> dict[str, Array]:
 
 
 def write_vtkhdf(path: str | Path, projection: Projection, result: Solution) -> None:
-    """:func:`write_cells`; the projection is that of the result."""
+    """Write ``result`` for ParaView to the file ``path`` (suffix .vtkhdf); the ``projection`` is that of the result.
+
+    Raises:
+        InputError: another suffix, the folder cannot be written, or a rank fails to write; on all ranks.
+    """
     write_cells(path, result)
 
 

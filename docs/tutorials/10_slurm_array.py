@@ -50,7 +50,8 @@ for task in (0, 3):
     subprocess.run(["bash", "sweep.sbatch"], check=True, capture_output=True, cwd=folder, env=environment)
 
 # %%
-# Each task leaves a folder; its summary has all numbers with their units.
+# Each task leaves a folder; its summary has all numbers with their units (``tsgdd table sweep/*/ --out sweep.csv`` puts
+# those of all of them into one table).
 
 pull = {}
 for summary in sorted(folder.glob("sweep/*/summary.json"), key=lambda path: int(path.parent.name)):

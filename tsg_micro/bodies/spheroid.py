@@ -76,7 +76,7 @@ class Spheroid:
 def build_spheroid(tissue: Tissue, *, radius: float, profile: str, decay: float) -> Spheroid:
     """The body of all blocks within ``radius`` blocks, of this tissue at its centre.
 
-    Towards the rim its bar force follows ``profile``: a name (see :func:`bar_force_profile`), or a CSV file.
+    Towards the rim its bar force follows ``profile``: exponential, linear or constant, or a CSV file.
 
     Raises:
         InputError: an argument is not valid.

@@ -147,7 +147,7 @@ def prestressed(structure: Structure, parameters: CellParameters, bar_force: Arr
     """A lattice with the rest lengths that its bar force f_b (N; one, or one per cell) asks for.
 
     Raises:
-        InputError: as :func:`force_density_of_cells`.
+        InputError: ``bar_force`` is not a positive number or one per cell.
 
     Example:
         >>> parameters = tsg.CellParameters()

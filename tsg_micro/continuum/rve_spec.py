@@ -126,7 +126,7 @@ class RVESpec:
         return all(there[0] in (here[0], "periodic") for here, there in each)
 
     def parameters(self) -> dict[str, Any]:
-        """What a data set says of it, ready for JSON; :meth:`of` reads it."""
+        """What a data set says of it, ready for JSON; :meth:`RVESpec.of` reads it."""
         rve: dict[str, Any] = {
             "blocks": self.blocks,
             "periodic": self.periodic,
