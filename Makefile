@@ -1,25 +1,30 @@
-# The Python environment is .venv; PYTHON=... chooses what it is made with.
+# The Python environment is .venv; PYTHON=... chooses what it is made with. bin=/path/to/bin takes one that is there.
 bin := .venv/bin
+RANKS := 2
+stamp := $(if $(filter .venv/bin,$(bin)),.venv/.stamp)
 
-.PHONY: help demo test docs lint clean distclean test-debian compiler
+.PHONY: help demo test docs lint dist clean distclean test-debian compiler
 
 help: ## list these targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1 - \2/p' Makefile
 
-demo: compiler .venv/.stamp ## the whole chain on a stretched monolayer; figure and fields in results/demo
+demo: compiler $(stamp) ## the whole chain on a stretched monolayer; figure and fields in results/demo
 	@$(bin)/tsgdd demo --out results/demo
 
-test: compiler .venv/.stamp ## all tests, a process a core, then those marked mpi on two ranks; ARGS="-k name" goes to pytest
+test: compiler $(stamp) ## all tests, a process a core, then those marked mpi on RANKS=2; ARGS="-k name" goes to pytest
 	$(bin)/python -m pytest --numprocesses auto --dist loadfile $(ARGS)
-	PATH="$(CURDIR)/$(bin):$$PATH" OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 mpirun -n 2 $(bin)/python -m pytest -m mpi $(ARGS)
+	PATH="$(abspath $(bin)):$$PATH" OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 mpirun -n $(RANKS) $(bin)/python -m pytest -m mpi $(ARGS)
 
 docs: compiler .venv/.docs ## these pages, tutorials run, into docs/_build/html; warnings are errors
 	$(bin)/python -m sphinx --fail-on-warning --keep-going --quiet -b html docs docs/_build/html
 
-lint: .venv/.stamp ## ruff and mypy
+lint: $(stamp) ## ruff and mypy
 	$(bin)/ruff check
 	$(bin)/ruff format --check
 	$(bin)/mypy
+
+dist: ## sdist and wheel in dist/, tried in environments of their own
+	@.ci/dist
 
 test-debian: ## the tests on Debian 13's python3-dolfinx, in a tree by debootstrap (root)
 	@.ci/test-debian $(ARGS)
