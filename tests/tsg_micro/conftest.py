@@ -42,3 +42,13 @@ def clamped():
         return fixed, high
 
     return make
+
+
+@pytest.fixture
+def short_column(box, clamped):
+    """Sixteen cells in a row, which displacements held (n, 3), and how far they go where it is shortened by 6 %."""
+    structure = box(1, 16, 1)
+    fixed, top = clamped(structure, 1)
+    u = np.zeros(structure.nodes.shape)
+    u[top, 1] = -0.06 * structure.size[1]
+    return structure, fixed, u

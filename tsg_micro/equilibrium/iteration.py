@@ -48,7 +48,7 @@ class Iteration:
     shift: float
     """Multiple of the unit matrix added to K, N/m."""
     negative_pivots: int
-    """Of K before any shift."""
+    """Of K before any shift; 0 where an older factor served and met no negative stiffness."""
     energy: float
 
 

@@ -8,19 +8,26 @@ complement, and the inertia of the whole is that of K plus that of the complemen
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from tsg_micro.data.errors import ConvergenceError
 from tsg_micro.equilibrium.balance import Balance, times
 from tsg_micro.equilibrium.iteration import Converged, Iteration, NewtonOptions
-from tsg_micro.equilibrium.linear_solvers import Choice, SymmetricSolver, choose_backend, make_solver
+from tsg_micro.equilibrium.linear_solvers import Choice, Factor, SymmetricSolver, choose_backend, make_solver
 from tsg_micro.equilibrium.members import MACRO, MemberState, MemberSystem, NodalPattern
+from tsg_micro.equilibrium.older_factor import corrected, newton_step
 from tsg_micro.equilibrium.tangent import Border, Tangent, lowest_ritz
 
 __all__ = ["Converged", "Iteration", "NewtonOptions", "NewtonSolver"]
 
 Array = NDArray[np.float64]
 _MOST_MODES, _LANCZOS_STEPS = 12, 60
+_LARGE = 20_000
+"""Unknowns from which a factorisation costs so much more than a solve that older ones pay."""
+_LOOSE, _CLOSE, _FALL = 0.1, 5e-3, 0.3
+"""Error of a step far from the equilibrium; residual from which the tangent is nearly that of the equilibrium; to what
+part the residual falls in an iteration with an older factor, or there will be a new one."""
 _ROUNDINGS = 4.0
 _SENSELESS = 1e-3
 """Of the mean member force; an equilibrium that is known no better is none."""
@@ -42,6 +49,7 @@ class NewtonSolver:
         self.choice: Choice = choose_backend(self.pattern.size, options.linear_solver)
         self.solver: SymmetricSolver = make_solver(self.pattern.indptr, self.pattern.indices, self.choice.backend)
         self.factorisations = 0
+        self._older: Tangent | None = None
         m = system.nodal_size
         self.balance = Balance(system, self.free, self.border, options.tolerance)
         self._macro_directions = np.zeros((system.size, self.border.macro.shape[1]))
@@ -64,9 +72,25 @@ class NewtonSolver:
         Raises:
             ConvergenceError: it has no finite factor.
         """
-        values = self.matrix(state, shift=shift)
+        values, self._older = self.matrix(state, shift=shift), None
         factor = self.solver.factorise(values)
         self.factorisations += 1
+        tangent = self._bordered(state, values, factor)
+        if self.pattern.size >= _LARGE and tangent.negative_pivots == 0 and not shift:
+            self._older = tangent
+        return tangent
+
+    def _last_tangent(self, state: MemberState) -> Tangent:
+        """The tangent at an equilibrium, from the last factor where that is of a state nearby."""
+        if self._older is not None:
+            values = self.matrix(state)
+            factor = corrected(self._older.factor, sp.csr_array((values, self.pattern.indices, self.pattern.indptr)))
+            if factor is not None:
+                return self._bordered(state, values, factor)
+        return self.tangent(state)
+
+    def _bordered(self, state: MemberState, values: Array, factor: Factor) -> Tangent:
+        """The tangent at ``state`` whose nodal part has these values and this factor."""
         coupling, schur = self.coupling(state)
         if self.border.size == 0:
             return Tangent(factor, coupling, coupling, schur, factor.negative_pivots)
@@ -142,7 +166,7 @@ class NewtonSolver:
         multipliers = np.zeros(len(self.border.constraint))
         state = system.state(y)
         gradient = system.gradient(state)
-        best, within = None, 0
+        best, within, before, last = None, 0, self._older, np.inf
         for iteration in range(self.options.max_iterations + 1):
             nodal, rest, multipliers = self.balance.residual(y, gradient, force, multipliers)
             residual = float(self.balance.measure(nodal, rest, state))
@@ -159,7 +183,7 @@ class NewtonSolver:
                     residual = best.residual
             pull = np.append(force, np.zeros(MACRO)) - self.border.constraint.T @ multipliers
             if settled:
-                tangent = self.tangent(state) if stable else None
+                tangent = self._last_tangent(state) if stable else None
                 modes = self._unstable_modes(tangent) if tangent else []
                 left = self._leave_saddle(y, modes, pull)
                 if left is y:
@@ -168,7 +192,13 @@ class NewtonSolver:
                 history.append(Iteration(load, residual, 0.0, 0.0, tangent.negative_pivots, system.energy(state)))
                 y, best, within = left, None, 0
             elif iteration < self.options.max_iterations:
-                step, slope, modes, record = self._descent(state, gradient - pull, (nodal, rest))
+                due = stable and self._older is before  # a factorisation, of an iterate near the equilibrium
+                if (due and residual <= _CLOSE) or residual > _FALL * last:
+                    self._older = None
+                last = residual
+                goal = _CLOSE if due else self.options.tolerance
+                error = min(_LOOSE, max(residual, 0.3 * goal / residual))
+                step, slope, modes, record = self._descent(state, gradient - pull, (nodal, rest), error)
                 if slope < 0.0:
                     length = self._line_search(y, step, pull, state, slope)
                     history.append(Iteration(load, residual, length, *record, system.energy(state)))
@@ -188,15 +218,20 @@ class NewtonSolver:
         )
 
     def _descent(
-        self, state: MemberState, gradient: Array, residual: tuple[Array, Array]
+        self, state: MemberState, gradient: Array, residual: tuple[Array, Array], error: float
     ) -> tuple[Array, float, list[tuple[Array, float]], tuple[float, int]]:
         """Newton step, slope along it, unstable modes, and (shift, negative pivots) of the tangent.
 
         ``gradient`` is that of the energy less the work of loads and constraints. A few unstable modes are turned
         downhill one by one; of many the tangent is shifted until it has none, and so it is where the modes were not
-        found well enough for the step to descend.
+        found well enough for the step to descend. A step that an older factor gives, with this relative ``error``, has
+        met no mode.
         """
         nodal, rest = residual
+        if self._older is not None:
+            found = newton_step(self.system, self.border, self.free, self._older, state, residual, within=error)
+            if found is not None and float(gradient @ (step := self.spread(*found))) < 0.0:
+                return step, float(gradient @ step), [], (0.0, 0)
         for most in (_MOST_MODES, 0):
             tangent, shift, negative = self._tangent_for_step(state, most)
             modes = self._unstable_modes(tangent)

@@ -7,7 +7,6 @@ import pytest
 from scipy.linalg import null_space
 from scipy.optimize import brentq
 
-from tsg_micro.cells.lattice import side_nodes
 from tsg_micro.cells.parameters import CellParameters
 from tsg_micro.cells.structure import from_arrays
 from tsg_micro.cells.unit_cell import BAR, EDGE_TENDON
@@ -174,14 +173,9 @@ def test_sheet_of_cells_compressed_past_its_buckling(box, clamped):
     assert result.residual <= 1e-10
 
 
-def test_a_slender_column_of_cells_buckles_and_is_followed(box):
+def test_a_slender_column_of_cells_buckles_and_is_followed(short_column):
     """Sixteen cells in a row, clamped and shortened by 6 %: past the bifurcation at 4.5 %, on to a stable state."""
-    structure = box(1, 16, 1)
-    top = side_nodes(structure, 1, end="high")
-    fixed = np.zeros(structure.nodes.shape, dtype=bool)
-    fixed[side_nodes(structure, 1, end="low")] = fixed[top] = True
-    u = np.zeros(structure.nodes.shape)
-    u[top, 1] = -0.06 * structure.size[1]
+    structure, fixed, u = short_column
     result = EquilibriumSolver(structure, fixed=fixed).solve(displacement=u, steps=4, stable=True)
     assert result.negative_pivots == 0
     assert max(iteration.negative_pivots for iteration in result.history) > 0
