@@ -25,7 +25,7 @@ def test_conjugate_gradients_solve_or_say_that_a_stiffness_is_negative(rng):
     for low, found in ((0.5, True), (-0.5, False)):
         K, _ = matrix_of(np.append(low, np.linspace(0.9, 1.1, 39)), rng)
         b = rng.normal(size=40)
-        x = conjugate_gradients(lambda v, K=K: K @ v, lambda r: r, b, within=1e-10)
+        x = conjugate_gradients(K.__matmul__, np.copy, b, within=1e-10)
         assert (x is not None) == found
         if x is not None:
             np.testing.assert_allclose(K @ x, b, atol=1e-8)
