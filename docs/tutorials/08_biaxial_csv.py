@@ -7,7 +7,7 @@ table becomes a data set; columns and units are declared, nothing is guessed::
 
     tsgdd import-csv biaxial.csv --column "eps_xx=strain x:%" --column "eps_yy=strain y:%" \\
         --column "sigma_xx=stress x:kPa" --column "sigma_yy=stress y:kPa" \\
-        --zero sigma_zz,eps_zz --silent yz,xz,xy --stress-measure first_piola --out data.h5
+        --silent zz,yz,xz,xy --stress-measure first_piola --out data.h5
 
 No instrument is at hand here, so an RVE stands in for the tissue.
 """
@@ -34,13 +34,13 @@ header = "strain x,strain y,stress x,stress y"
 np.savetxt(folder / "biaxial.csv", rows, fmt="%.6g", delimiter=",", header=header, comments="")
 
 # %%
-# The thickness was not measured and carries nothing: its strain is declared zero and silent, as are the shears, so
-# that they do not count in the metric.
+# The thickness was not measured and carries nothing: it is declared silent, as are the shears, so that they are zero
+# and do not count in the metric.
 
 import_csv(
     folder / "biaxial.csv",
     column=["eps_xx=strain x:%", "eps_yy=strain y:%", "sigma_xx=stress x:kPa", "sigma_yy=stress y:kPa"],
-    zero=["eps_zz", "sigma_zz", "eps_yz", "eps_xz", "eps_xy", "sigma_yz", "sigma_xz", "sigma_xy"],
+    zero=[],
     silent=["zz", "yz", "xz", "xy"],
     stress_measure="first_piola",
     out=folder / "data.h5",

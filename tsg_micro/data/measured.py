@@ -63,7 +63,8 @@ def read_csv(
         columns: component name -> column. ``path`` and ``step`` (whole numbers, unit "1") are optional; without
             them all points are of path 0, and the step counts the lines.
         zero: components that are 0 at all points, as three stresses in plane stress.
-        silent: names among xx .. xy whose strain and stress are 0 because nothing drove them (tsg_micro.data.dataset).
+        silent: names among xx .. xy whose strain and stress are 0 because nothing drove them (tsg_micro.data.dataset);
+            what has no column needs no declaration as zero beside it.
         stress_measure: what the stresses are, one of tsg_micro.data.stress.MEASURES. For first_piola, whose tensor is
             not symmetric, a shear is the mean of its two entries.
         layout: how the numbers are written, as far as it cannot be seen.
@@ -76,7 +77,7 @@ def read_csv(
     """
     path = Path(path)
     check_measure(stress_measure)
-    _check_declared(columns, zero)
+    _check_declared(columns, zero, silent)
     values = read_numbers(path, columns, layout)
     count = len(values["line"])
 
@@ -109,7 +110,7 @@ def read_csv(
     )
 
 
-def _check_declared(columns: Mapping[str, Column], zero: Collection[str]) -> None:
+def _check_declared(columns: Mapping[str, Column], zero: Collection[str], silent: Collection[str]) -> None:
     """Every strain and stress once, under a known name and in a known unit."""
     known = [*_ENTRIES, *_GAMMA]
     for name in columns:
@@ -118,6 +119,9 @@ def _check_declared(columns: Mapping[str, Column], zero: Collection[str]) -> Non
     for name in zero:
         if name not in known:
             raise InputError(f"zero: expected names among {', '.join(known)}, got {name!r}")
+    for name in silent:
+        if name not in COMPONENTS:
+            raise InputError(f"silent: expected names among {', '.join(COMPONENTS)}, got {name!r}")
     for name, column in columns.items():
         units = {"1": 1.0} if name in COUNTERS else STRESS_UNITS if name.startswith("sigma") else STRAIN_UNITS
         if column.unit not in units:
@@ -128,7 +132,7 @@ def _check_declared(columns: Mapping[str, Column], zero: Collection[str]) -> Non
         if entry in declared:
             raise InputError(f"component {entry}: expected one declaration, got {declared[entry]} and {name}")
         declared[entry] = name
-    missing = [entry for entry in _ENTRIES if entry not in declared]
+    missing = [entry for entry in _ENTRIES if entry not in declared and entry.split("_")[1] not in silent]
     if missing:
         raise InputError(f"components {', '.join(missing)}: expected a column, or a declaration as zero, got neither")
 

@@ -219,6 +219,16 @@ def test_silent_columns_must_be_zero(tmp_path):
         read_csv(tmp_path / "plane.csv", columns=PLANE, zero=ZERO, silent=["xy"], stress_measure="cauchy")
 
 
+def test_silent_components_are_zero_without_a_word(tmp_path):
+    (tmp_path / "pull.csv").write_text("strain,stress\n1,3\n")
+    columns = {"eps_yy": Column("strain", "%"), "sigma_yy": Column("stress", "Pa")}
+    others = [ij for ij in COMPONENTS if ij != "yy"]
+    data = read_csv(tmp_path / "pull.csv", columns=columns, silent=others, stress_measure="cauchy")
+    np.testing.assert_array_equal(data.stress, [[0, 3, 0, 0, 0, 0]])
+    with pytest.raises(InputError, match=r"silent: expected names among xx, .*, got 'xq'"):
+        read_csv(tmp_path / "pull.csv", columns=columns, silent=[*others, "xq"], stress_measure="cauchy")
+
+
 def test_column_texts():
     assert parse_columns(["eps_xx=a: b=c:%"]) == {"eps_xx": Column("a: b=c", "%")}
     for text in ("eps_xx", "eps_xx=strain", "eps_xx=:%", "=strain:%", "eps_xx=strain:"):
