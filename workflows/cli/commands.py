@@ -293,8 +293,9 @@ def _fail(error: Exception) -> None:
         leave(f"tsgdd: {one_line}", 2)
     if isinstance(error, ConvergenceError) or type(error).__name__ == "KernelError":
         leave(f"tsgdd: {one_line}", 1)
-    if isinstance(error, ModuleNotFoundError) and error.name in ("dolfinx", "petsc4py", "mpi4py", "ufl"):
-        leave(f"tsgdd: this command needs DOLFINx, {error.name} is not installed: pip install 'tsgdd[fenicsx]'", 1)
+    missing = (error.name or "").split(".")[0] if isinstance(error, ModuleNotFoundError) else ""
+    if missing in ("basix", "dolfinx", "mpi4py", "petsc4py", "ufl"):
+        leave(f"tsgdd: this command needs DOLFINx, {missing} is not installed: pip install 'tsgdd[fenicsx]'", 1)
     if isinstance(error, OSError | MemoryError):
         leave(f"tsgdd: {one_line or 'not enough memory'}", 1)
     if under_mpirun() or "TSGDD_DEBUG" in os.environ:
