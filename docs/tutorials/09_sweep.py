@@ -5,6 +5,7 @@ A sweep over bar forces, under mpirun
 How stiff is a sheet with more or less prestress? One scene, a bar force at a time; every command that solves runs on
 any number of MPI ranks with the same answer::
 
+    mkdir -p sweep
     for f in 5 10 20 40; do
         sed "s/10 nN/$f nN/" sheet.toml > sweep/$f.toml
         mpirun -n 2 tsgdd solve sweep/$f.toml --out sweep/$f
