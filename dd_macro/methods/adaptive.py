@@ -102,6 +102,8 @@ class AdaptiveResult(SecondOrderResult):
 
     rounds: tuple[Round, ...]
     adapt_reason: str
+    seconds_steps: float = 0.0
+    """What the linear solves of the rounds took, s."""
     part_data: tuple[Dataset, ...] = ()
     """The data of every part of the material, in their order."""
 
@@ -119,7 +121,9 @@ class AdaptiveResult(SecondOrderResult):
         }
         ends = {"adapt_reason": (self.adapt_reason, ""), "rves": (last.rves, ""), "failed_rves": (last.failed, "")}
         costs = {"estimated_error": (last.error, "1"), "seconds_rve": (last.seconds_rve, "s")}
-        return super().figures() | ends | costs | history
+        found = super().figures()
+        found["seconds_linear_solves"] = (found["seconds_linear_solves"][0] + self.seconds_steps, "s")
+        return found | ends | costs | history
 
 
 @dataclass(frozen=True)
@@ -201,7 +205,8 @@ class PreparedAdaptive:
             rounds.done.append(Round(**numbers, seconds=time.perf_counter() - begin))
         found = {f.name: getattr(result, f.name) for f in fields(result)}
         parts = tuple(part.all for part in data.parts)
-        return AdaptiveResult(**found, rounds=tuple(rounds.done), adapt_reason=rounds.reason, part_data=parts)
+        found |= {"rounds": tuple(rounds.done), "adapt_reason": rounds.reason, "part_data": parts}
+        return AdaptiveResult(**found, seconds_steps=rounds.seconds)
 
 
 def _part_done(plan: Adaptation, rves: int, error: float | None) -> float:
@@ -237,6 +242,7 @@ class _Rounds:
         self._coordinates = [Coordinates(metric, None if own is None else size) for own in forces]
         self.done: list[Round] = []
         self.reason = ""
+        self.seconds = 0.0
 
     def step(self, known: Dataset) -> dict[str, Any]:
         """One step with the data ``known``: the numbers of its round."""
@@ -275,6 +281,7 @@ class _Rounds:
 
     def finish(self, options: SecondOrderOptions) -> SecondOrderResult:
         """The problem solved to the end, with the matrix of the rounds."""
+        self.seconds = sum(i.seconds_solve for i in self._onto.record.history)
         self._onto.record, self._onto.leave = StepRecord(self.projection, options.max_iterations, None), 0.0
         return iterate(self._onto, self.search, self.z, options)
 

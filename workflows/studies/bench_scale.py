@@ -1,7 +1,9 @@
-"""tsgdd bench scale: time, memory and iterations of a solve against the size of the mesh, each in its own process.
+"""tsgdd bench scale: time, memory and iterations of a run against its size, each in its own process.
 
-The scene is the stretched sheet, twice as wide as high. What grows with the size as n^k is fitted over the larger half
-of the sizes of each method and number of ranks; the time is split into set-up, searches, linear solves and the rest.
+The scene is the stretched sheet, twice as wide as high, one element a block; beside the solves, the full tensegrity of
+the same blocks, and the sampling of as many states as there are elements. What grows with the size as n^k is fitted
+over the larger half of the sizes of each method and number of ranks; the time is split into set-up, searches, linear
+solves, RVEs and the rest.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,17 +20,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsg_micro.data.errors import ConvergenceError, InputError
-from tsg_micro.data.files import output_folder
+from tsg_micro.data.files import atomic_path, output_folder
 from workflows.store.record import read_summary, write_summary, write_table
 
-__all__ = ["METHODS", "PHASES", "SIZES", "scale"]
+__all__ = ["METHODS", "PHASES", "SIZES", "Timed", "scale"]
 
-METHODS: dict[str, tuple[str, ...]] = {
-    "points": ("--order", "1"),
-    "tangent spaces": ("--order", "2"),
-    "adaptive": ("--adapt", "--bar-force", "1e-8"),
+
+@dataclass(frozen=True)
+class Timed:
+    """A ``command`` of tsgdd with its ``options``, and which of its figures counts ``iterations``, if one does.
+
+    It has ``size``, elements across the height, at most, and runs in a process alone unless it is ``parallel``.
+    """
+
+    command: str
+    options: tuple[str, ...]
+    iterations: str | None = "iterations"
+    largest: int = 10_000
+    parallel: bool = True
+
+    def sized(self, size: int, data: Path) -> tuple[object, ...]:
+        """Its arguments for a sheet of ``size`` elements across; solves of given data have those of ``data``."""
+        if self.command == "sample":
+            return ("--paths", max(1, 2 * size * size // _STATES))
+        if self.command == "dns":
+            return ("--blocks", 2 * size, size)
+        given = () if "--adapt" in self.options else ("--data", data)
+        return (*given, "--elements", 2 * size, size, 1, "--no-edges", "--no-graded")
+
+
+_STATES = 10
+"""States on a path that is sampled."""
+METHODS = {
+    "points": Timed("solve", ("--order", "1")),
+    "tangent spaces": Timed("solve", ("--order", "2")),
+    "adaptive": Timed("solve", ("--adapt", "--bar-force", "1e-8")),
+    "full tensegrity": Timed("dns", (), "newton_iterations", largest=30, parallel=False),
+    "sampling": Timed("sample", ("--load", "inplane", "--processes", "1", "--steps", f"{_STATES}"), None),
 }
-"""Options of tsgdd solve."""
 SIZES = (15, 30, 60, 120)
 """Elements across the height."""
 PHASES = ("seconds_setup", "seconds_search", "seconds_linear_solves", "seconds_rve", "seconds_rest")
@@ -45,8 +75,9 @@ def scale(
     plots: bool = True,
     say: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
-    """Run all methods on sheets of ``sizes`` elements across, on these numbers of ``ranks``; scale.csv has the rows.
+    """Run all methods on sheets of ``sizes`` elements across, on these numbers of ``ranks``.
 
+    scale.csv has the rows, scale.md the same as a table, and scale.png draws them.
     ``paths`` loading paths give the data. A size that takes longer than ``seconds`` ends a row of sizes.
 
     Raises:
@@ -60,29 +91,30 @@ def scale(
     data = output_folder(out) / "data.h5"
     _run(["sample", "--load", "inplane", "--paths", paths, "--no-plots", "--out", data], 1, None)
     rows: list[dict[str, Any]] = []
-    for name, options in METHODS.items():
-        given = () if name == "adaptive" else ("--data", data)
-        for count in ranks:
-            for size in sorted(sizes):
-                folder = out / f"{name}-{size}-{count}".replace(" ", "-")
-                scene = ("--elements", 2 * size, size, 1, "--no-edges", "--no-graded", "--no-plots", "--out", folder)
-                if not _run(["solve", *options, *given, *scene], count, seconds):
+    for name, method in METHODS.items():
+        for count in ranks if method.parallel else (1,):
+            for size in (n for n in sorted(sizes) if n <= method.largest):
+                target = out / f"{name}-{size}-{count}{'.h5' * (method.command == 'sample')}".replace(" ", "-")
+                arguments = (*method.options, *method.sized(size, data), "--no-plots", "--out", target)
+                if not _run([method.command, *arguments], count, seconds):
                     say(f"{name}, {count} ranks, {size}: more than {seconds:g} s")
                     break
-                rows.append(_row(name, size, count, read_summary(folder, "solve")))
+                rows.append(_row(name, size, count, read_summary(target, method.command)))
                 say(f"{name:15} {count} ranks {2 * size * size:8} elements {rows[-1]['seconds']:8.2f} s")
     if not rows:
         raise InputError(f"seconds: expected enough for one run, got {seconds}")
     write_table(out / "scale.csv", rows)
     exponents = _exponents(rows)
     parameters = {"sizes": list(sizes), "ranks": list(ranks), "paths": paths}
+    with atomic_path(out / "scale.md") as temporary:
+        temporary.write_text(_tables(rows, exponents))
     figures = {"rows": (rows, "s, B"), "exponents": (exponents, "of the number of elements")}
     summary = write_summary(out, command="bench scale", parameters=parameters, figures=figures)
     if plots:
         from tsg_micro.data.figure_style import save_figure
         from workflows.studies.scale_figure import plot_scale
 
-        save_figure(plot_scale(rows), out / "scale.png")
+        save_figure(plot_scale(rows, PHASES), out / "scale.png")
     return summary
 
 
@@ -111,8 +143,30 @@ def _row(method: str, size: int, ranks: int, found: dict[str, Any]) -> dict[str,
     """Numbers of one run; memory is the largest of its processes."""
     phases = {name: float(found.get(name, 0.0)) for name in PHASES[:-1]}
     rest = float(found["seconds"]) - sum(phases.values())
-    numbers = {name: found[name] for name in _FITTED}
+    counted = METHODS[method].iterations
+    numbers = {
+        "seconds": found["seconds"],
+        "peak_memory": found.get("peak_memory"),
+        "iterations": None if counted is None else found[counted],
+    }
+    if METHODS[method].command == "sample":
+        phases["seconds_rve"], rest = rest, 0.0
     return {"method": method, "ranks": ranks, "elements": 2 * size * size, **numbers, **phases, "seconds_rest": rest}
+
+
+def _tables(rows: Sequence[dict[str, Any]], exponents: Sequence[dict[str, Any]]) -> str:
+    """The rows and the exponents as tables in Markdown."""
+    parts = " | ".join(name.removeprefix("seconds_").replace("_", " ") for name in PHASES)
+    lines = [f"| method | ranks | elements | s | GB | iterations | {parts} |", "|---" * (6 + len(PHASES)) + "|"]
+    for row in rows:
+        numbers = (row["seconds"], (row["peak_memory"] or np.nan) / 1e9, row["iterations"], *(row[n] for n in PHASES))
+        cells = ("" if n is None or n != n else f"{n:.3g}" for n in numbers)
+        lines.append(f"| {row['method']} | {row['ranks']} | {row['elements']} | {' | '.join(cells)} |")
+    lines += ["", "| n^k | ranks | time | memory | iterations |", "|---" * 5 + "|"]
+    for row in exponents:
+        cells = ("" if row[n] is None else f"{row[n]:.2f}" for n in _FITTED)
+        lines.append(f"| {row['method']} | {row['ranks']} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
 
 
 def _exponents(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -122,7 +176,8 @@ def _exponents(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         own = [row for row in rows if (row["method"], row["ranks"]) == (method, ranks)]
         own = own[min(len(own) // 2, max(len(own) - 2, 0)) :]
         size = np.log([row["elements"] for row in own])
-        fits = {name: _slope(size, np.log([float(row[name]) for row in own])) for name in _FITTED}
+        there = [name for name in _FITTED if own[0][name] is not None]
+        fits = {n: _slope(size, np.log([float(row[n]) for row in own])) if n in there else None for n in _FITTED}
         found.append({"method": method, "ranks": ranks, **fits})
     return found
 

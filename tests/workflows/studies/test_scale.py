@@ -20,8 +20,11 @@ def test_every_method_and_size_has_a_row_that_adds_up(bench, is_png):
     assert [(row["method"], row["elements"]) for row in summary["rows"]] == [(m, n) for m in METHODS for n in (8, 32)]
     for row in summary["rows"]:
         assert sum(row[name] for name in PHASES) == pytest.approx(row["seconds"])
-        assert row["seconds_setup"] > 0 < row["seconds_linear_solves"]
-        assert row["peak_memory"] > 1e7
+        if METHODS[row["method"]].command == "solve":
+            assert row["seconds_setup"] > 0 < row["seconds_linear_solves"]
+        assert row["method"] == "sampling" or row["peak_memory"] > 1e7
+    table = (out / "scale.md").read_text()
+    assert all(table.count(f"| {method} | 1 |") == 3 for method in METHODS)
     assert len((out / "scale.csv").read_text().splitlines()) == 1 + len(summary["rows"])
     assert is_png(out / "scale.png")
 
