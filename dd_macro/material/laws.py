@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol
 
@@ -45,17 +45,17 @@ class FitReport:
 
 @dataclass(frozen=True)
 class LinearLaw:
-    """sigma = sigma_0 + C epsilon; C (6, 6) and sigma_0 (6,) in Pa.
+    """sigma = sigma_0 + C epsilon; C (6, 6) and the initial stress sigma_0 (6,) in Pa.
 
     Example:
-        >>> law = dd.LinearLaw(dd.isotropic(young=1e3, poisson=0.3).C, np.zeros(6))
+        >>> law = dd.LinearLaw(dd.isotropic(young=1e3, poisson=0.3).C)
         >>> stress, tangent = law.stress_and_tangent(0.01 * np.eye(6)[:1])
         >>> stress.round(2)[0, :3]
         array([13.46,  5.77,  5.77])
     """
 
     C: Array
-    initial_stress: Array
+    initial_stress: Array = field(default_factory=lambda: np.zeros(6))
     report: FitReport | None = None
 
     def stress_and_tangent(self, strain: Array) -> tuple[Array, Array]:

@@ -118,7 +118,7 @@ def read_quadrature(path: str | Path) -> QuadratureFields:
     Example:
         >>> operator = dd.StrainOperator(dd.box(MPI.COMM_WORLD, elements=(2, 2, 1), size=(4e-5, 4e-5, 2e-5)))
         >>> problem = dd.Problem(operator, [dd.Displacement("bottom"), dd.Displacement("top", (0.0, 1e-6, 0.0))])
-        >>> law = dd.LinearLaw(dd.isotropic(young=1e3, poisson=0.3).C, np.zeros(6))
+        >>> law = dd.LinearLaw(dd.isotropic(young=1e3, poisson=0.3).C)
         >>> solution = dd.LawMethod().prepare(problem, dd.Material(law=law)).solve()
         >>> dd.write_quadrature("quadrature.h5", operator, solution, stress_measure="cauchy")
         >>> dd.read_quadrature("quadrature.h5").mechanical_stress.shape

@@ -40,7 +40,7 @@ class Traction:
     Example:
         >>> operator = dd.StrainOperator(dd.box(MPI.COMM_WORLD, elements=(2, 2, 1), size=(4e-5, 4e-5, 2e-5)))
         >>> loaded = dd.Problem(operator, [dd.Displacement("left")], [dd.Traction("right", (15.0, 0.0, 0.0))])
-        >>> law = dd.LinearLaw(1e3 * np.eye(6), np.zeros(6))
+        >>> law = dd.LinearLaw(1e3 * np.eye(6))
         >>> solution = dd.LawMethod().prepare(loaded, dd.Material(law=law)).solve()
         >>> f"{solution.reaction('left')[0]:.1e}"
         '-1.2e-08'

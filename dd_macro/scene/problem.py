@@ -41,7 +41,7 @@ class Problem:
     Example:
         >>> operator = dd.StrainOperator(dd.box(MPI.COMM_WORLD, elements=(2, 2, 1), size=(4e-5, 4e-5, 2e-5)))
         >>> problem = dd.Problem(operator, [dd.Displacement("bottom"), dd.Displacement("top", (0.0, 1e-6, 0.0))])
-        >>> law = dd.LinearLaw(1e3 * np.eye(6), np.zeros(6))
+        >>> law = dd.LinearLaw(1e3 * np.eye(6))
         >>> solution = dd.LawMethod().prepare(problem, dd.Material(law=law)).solve()
         >>> bool(abs(solution.reaction("top") + solution.reaction("bottom")).max() < 1e-15)
         True

@@ -137,7 +137,7 @@ def sample_paths(
     Example:
         >>> rve = tsg.build_rve(bar_force=1e-8)
         >>> paths = tsg.sample_paths(rve, tsg.BOXES["stretch"], paths=range(2), steps=4, seed=0)
-        >>> data = tsg.join_paths(paths, seed=0, parameters={}, versions={})
+        >>> data = tsg.join_paths(paths, seed=0)
         >>> len(paths), data.strain.shape, data.silent
         (2, (8, 6), ('yz', 'xz'))
     """
@@ -185,12 +185,16 @@ def _path_data(path: int, rve: RVE, box: StrainBox, states: list[WarmStates], fa
 
 
 def join_paths(
-    paths: Iterable[PathData], *, seed: int, parameters: dict[str, Any], versions: dict[str, str]
+    paths: Iterable[PathData],
+    *,
+    seed: int,
+    parameters: dict[str, Any] | None = None,
+    versions: dict[str, str] | None = None,
 ) -> Dataset:
     """The data set of all states, in the order of the path numbers; its stress is the first Piola stress.
 
     Components that were free and yet did not move are declared silent: by the symmetry of the RVE nothing drives them.
-    One that was held at zero is not, as the in-plane shear of the box "stretch".
+    One that was held at zero is not, as the in-plane shear of the box "stretch". ``parameters`` and ``versions`` stay.
 
     Raises:
         InputError: no state was reached at all.
@@ -212,8 +216,8 @@ def join_paths(
         energy=np.concatenate([data.energy for data in ordered]),
         path=np.repeat([data.path for data in ordered], counts),
         step=np.concatenate([np.arange(count) for count in counts]),
-        parameters=parameters,
-        versions=versions,
+        parameters=parameters or {},
+        versions=versions or {},
         seed=seed,
         **clamps,
     )

@@ -104,7 +104,7 @@ def sampled() -> Dataset:
     """All six strains of the default sheet, with tangents."""
     box = BOXES["full"]
     paths = sample_paths(RVESpec(free=box.free).build(), box, paths=range(_PATHS), steps=_STEPS, seed=0)
-    return join_paths(paths, seed=0, parameters={}, versions={})
+    return join_paths(paths, seed=0)
 
 
 def draw_macro(scene: str, count: int, seed: int) -> list[MacroCase]:

@@ -261,7 +261,7 @@ def test_files_that_are_no_data_sets(tmp_path):
 def sampled():
     rve = build_rve(bar_force=1e-8)
     paths = sample_paths(rve, BOXES["inplane"], paths=range(3), steps=2, seed=0)
-    return join_paths(paths, seed=0, parameters={}, versions={})
+    return join_paths(paths, seed=0)
 
 
 @pytest.mark.parametrize("measure", MEASURES)
