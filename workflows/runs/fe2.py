@@ -17,7 +17,7 @@ from mpi4py import MPI
 import dd_macro as dd
 from dd_macro.parallel import together, total
 from tsg_micro.cells.tissue import Tissue
-from tsg_micro.continuum.rve_law import RVELaw
+from tsg_micro.continuum.rve_law import FOLLOW, RVELaw
 from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
@@ -60,7 +60,7 @@ def fe2(
     together(comm, lambda: output_folder(out) if comm.rank == 0 else None)
 
     problem = scene.problem(comm, tissue, spec)
-    laws = [RVELaw(rve), *(RVELaw(one.build()) for one in specs_of(spec, problem)[1:])]
+    laws = [RVELaw(rve, follow=FOLLOW), *(RVELaw(one.build(), follow=FOLLOW) for one in specs_of(spec, problem)[1:])]
     material = in_parts([dd.Material(law=law) for law in laws])
     points = int(total(comm, len(problem.operator.weights)))
     ranks = f"{comm.size} rank{'s' * (comm.size > 1)}"

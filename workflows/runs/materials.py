@@ -14,7 +14,7 @@ from dd_macro.material.regional import RegionalLaw
 from dd_macro.methods.metric_choice import check_metric
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.graded_source import GradedSource
-from tsg_micro.continuum.rve_law import RVELaw
+from tsg_micro.continuum.rve_law import FOLLOW, RVELaw
 from tsg_micro.continuum.rve_source import RVESource
 from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.data.dataset import Dataset, read_dataset
@@ -187,9 +187,9 @@ def _law(spec: RVESpec, part: dd.Material, problem: dd.Problem, number: int) -> 
     """An RVE at every point of the region, of the point's own bar force."""
     force = part.bar_forces(problem, number)
     if force is None:
-        return RVELaw(spec.build())
+        return RVELaw(spec.build(), follow=FOLLOW)
     values, which = np.unique(force, return_inverse=True)
-    return RegionalLaw([RVELaw(spec.with_bar_force(value).build()) for value in values], which)
+    return RegionalLaw([RVELaw(spec.with_bar_force(value).build(), follow=FOLLOW) for value in values], which)
 
 
 def _source(spec: RVESpec, problem: dd.Problem, *, varies: bool) -> dd.Source:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import dd_macro as dd
 from tsg_micro.cells.tissue import Tissue
-from tsg_micro.continuum.rve_law import RVELaw
+from tsg_micro.continuum.rve_law import FOLLOW, RVELaw
 from tsg_micro.data.errors import InputError
 from workflows.runs.adaptation import rve_of, source_for
 from workflows.runs.edges import in_parts, specs_of
@@ -117,7 +117,7 @@ class SheetCase:
         problem = scene.problem(MPI.COMM_SELF, self.tissue, inside)
         specs = specs_of(inside, problem)
         if exact:
-            laws = [dd.Material(law=RVELaw(one.build())) for one in specs]
+            laws = [dd.Material(law=RVELaw(one.build(), follow=FOLLOW)) for one in specs]
             return dd.LawMethod().prepare(problem, in_parts(laws)).solve()
         parts = [dd.Material(source=source_for(scene, one, problem)) for one in specs]
         return dd.AdaptiveMethod().prepare(problem, in_parts(parts)).solve()

@@ -14,8 +14,8 @@ from mpi4py import MPI
 import dd_macro as dd
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.rve import build_rve
-from tsg_micro.continuum.rve_law import RVELaw, solution_tree
-from tsg_micro.data.errors import ConvergenceError
+from tsg_micro.continuum.rve_law import FOLLOW, RVELaw, leaders, solution_tree
+from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.mandel import to_mandel
 from workflows.runs.fe2 import fe2
 from workflows.runs.scene import Scene
@@ -133,6 +133,42 @@ def test_the_tree_has_the_shortest_jumps(rng):
     assert least <= found <= 1.02 * least  # the tree knows six neighbours of every point
     assert [len(a) for a in solution_tree(cloud[:0], previous[:0])] == [0, 0]
     assert [list(a) for a in solution_tree(cloud[:1], previous[:1])] == [[0], [-1]]
+
+
+def test_leaders_lead_themselves_and_all_that_are_near(rng):
+    strain = rng.standard_normal((60, 6))
+    radius = rng.uniform(0.5, 3.0, 60)
+    leader = leaders(strain, radius)
+    np.testing.assert_array_equal(leader[leader], leader)
+    assert (np.linalg.norm(strain - strain[leader], axis=1) <= radius).all()
+    assert 1 < len(set(leader)) < 40
+    np.testing.assert_array_equal(leaders(strain, np.zeros(60)), np.arange(60))
+    assert [list(leaders(strain[:n], radius[:n])) for n in (0, 1)] == [[], [0]]
+
+
+def test_following_leaves_hundredths_of_the_linearisation(rve, rng):
+    """Of a jump by j the tangent leaves an error that goes with j squared; following, one with (j / 10) squared."""
+    jump = STATE + 0.003 * rng.standard_normal((40, 6))
+    exact, followed = RVELaw(rve), RVELaw(rve, follow=FOLLOW)
+    start, tangent = exact.stress_and_tangent(np.zeros((40, 6)))
+    stress, _ = exact.stress_and_tangent(jump)
+    followed.stress_and_tangent(np.zeros((40, 6)))
+    near, _ = followed.stress_and_tangent(jump)
+    left = np.abs(start + np.einsum("nij,nj->ni", tangent, jump) - stress).max()
+    assert 0.0 < np.abs(near - stress).max() < 10.0 * FOLLOW**2 * left
+    assert followed.effort.solves < 30
+    with pytest.raises(InputError, match="follow: expected a number from 0 to less than 1, got 1"):
+        RVELaw(rve, follow=1)
+
+
+def test_newton_that_follows_comes_to_the_same(rve):
+    problem = Scene("stretch", 0.05, elements=(6, 4, 1), element="trilinear", edges=False).problem(MPI.COMM_SELF)
+    laws = RVELaw(rve), RVELaw(rve, follow=FOLLOW)
+    exact, followed = (dd.equilibrium(problem, law) for law in laws)
+    assert laws[1].effort.solves < laws[0].effort.solves
+    for name in ("strain", "stress"):
+        expected, found = (getattr(result.mechanical, name) for result in (exact, followed))
+        np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
 
 
 def test_patch_a_homogeneous_strain_gives_the_stress_of_one_rve(law):
