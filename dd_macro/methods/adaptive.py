@@ -96,7 +96,7 @@ class Round:
     seconds: float
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class AdaptiveResult(SecondOrderResult):
     """The last solve and the data that it used; all rounds, and why they ended."""
 

@@ -74,7 +74,7 @@ class Iteration:
     seconds_solve: float
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class DataDrivenResult(Solution):
     """The solution with data. ``outside_data`` is the fraction of quadrature points whose mechanical strain is outside
     the neighbourhood of the data (dd_macro.material.neighbourhood); ``queries`` were made of the search on this rank,

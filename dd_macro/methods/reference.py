@@ -55,7 +55,7 @@ class NewtonIteration:
     negative_pivots: int | None
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class ReferenceResult(Solution):
     """The solution with a law, whose states are the mechanical ones; eta is zero.
 

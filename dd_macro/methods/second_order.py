@@ -65,7 +65,7 @@ class SecondOrderOptions:
             raise InputError(f"tolerance: expected a number between 0 and 1, got {self.tolerance}")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class SecondOrderResult(DataDrivenResult):
     """The result of a second-order solve; ``index`` is the nearest datum, the material state is not that datum.
 

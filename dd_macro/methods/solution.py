@@ -14,14 +14,15 @@ from dd_macro.parallel import total
 from dd_macro.scene.linear import LinearSolver
 from dd_macro.scene.problem import Problem
 from tsg_micro.data.dataset import Dataset
+from tsg_micro.data.display import Displayed
 
 __all__ = ["Solution"]
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Solution:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Solution(Displayed):
     """Mechanical and material state of ``problem``; arrays hold what this rank owns, numbers are of the whole body.
 
     ``mechanical`` has u, eta, strain and stress; ``material_strain`` (n, 6), ``material_stress`` (n, 6) in Pa are what
@@ -49,6 +50,16 @@ class Solution:
     dataset: Dataset | None = None
     linear: LinearSolver | None = field(default=None, repr=False, compare=False)
     """That of the last tangents, whose factorisation near matrices may go on with."""
+
+    def _display(self) -> tuple[str, dict[str, object]]:
+        operator = self.problem.operator
+        how = "converged" if self.converged else "not converged"
+        return f"{type(self).__name__}: {how} ({self.reason}), {self.note}", {
+            "body": f"{operator.domain.global_cells} hexahedra, {operator.global_dofs} unknowns",
+            "normalised distance": f"{self.normalised_distance:.2%}",
+            "data": "" if self.dataset is None else len(self.dataset),
+            "linear solver": self.solver,
+        }
 
     @property
     def note(self) -> str:

@@ -16,14 +16,15 @@ from dd_macro import compat
 from dd_macro.parallel import check_everywhere, span, total
 from dd_macro.scene.hexahedra import Hexahedra, hexahedra
 from dd_macro.scene.msh import read_msh_file
+from tsg_micro.data.display import Displayed
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.voxels import SIDES, UNITS
 
 __all__ = ["SIDES", "UNITS", "TaggedMesh", "box", "distribute", "read_msh"]
 
 
-@dataclass(frozen=True)
-class TaggedMesh:
+@dataclass(frozen=True, repr=False)
+class TaggedMesh(Displayed):
     """A distributed hexahedral mesh, the tags of its facets, and the names of the tags."""
 
     mesh: dolfinx.mesh.Mesh
@@ -35,6 +36,12 @@ class TaggedMesh:
     """Local cells of the named volumes, which may overlap."""
     parts: NDArray[np.int64] | None = None
     """Number of the connected part that each local cell is of; None where there is one."""
+
+    def _display(self) -> tuple[str, dict[str, object]]:
+        return f"TaggedMesh: {self.global_cells} hexahedra on {self.comm.size} ranks", {
+            "sides": ", ".join(sorted(self.names)),
+            "regions": ", ".join(sorted(self.regions)),
+        }
 
     @property
     def comm(self) -> MPI.Comm:

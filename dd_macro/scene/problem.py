@@ -16,6 +16,7 @@ from dd_macro.scene.loads import Load, nodal_forces
 from dd_macro.scene.pressure import Following
 from dd_macro.scene.regions import Regions
 from dd_macro.scene.spaces import StrainOperator
+from tsg_micro.data.display import Displayed
 from tsg_micro.data.errors import InputError
 
 __all__ = ["Problem"]
@@ -24,8 +25,8 @@ Array = NDArray[np.float64]
 _BALANCED = 1e-6
 
 
-@dataclass(frozen=True, eq=False)
-class Problem:
+@dataclass(frozen=True, eq=False, repr=False)
+class Problem(Displayed):
     """Mesh and spaces, what is held, and what pulls; checked when made, which is collective.
 
     ``fixed`` is the mask of the prescribed displacement components, ``prescribed`` their values in m, and ``forces`` in
@@ -71,6 +72,19 @@ class Problem:
         for name, array in found.items():
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+
+    def _display(self) -> tuple[str, dict[str, object]]:
+        operator = self.operator
+        under = "" if self.factor == 1.0 else f", under {self.factor:g} of the load"
+        return f"Problem: {operator.domain.global_cells} hexahedra, {operator.theory} strain{under}", {
+            "unknowns": operator.global_dofs,
+            "supports": ", ".join(
+                f"{one.name} in {' '.join('xyz'[i] for i in one.components)}" for one in self.supports
+            ),
+            "loads": ", ".join(type(load).__name__ for load in self.loads),
+            "regions": "" if self.regions is None else len(self.regions.places),
+            "free": "rigid motions are held in the mean" if self.free else "",
+        }
 
     def at(self, factor: float) -> Problem:
         """The same under the part ``factor`` of the whole load."""

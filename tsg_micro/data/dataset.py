@@ -17,6 +17,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from tsg_micro.data.display import Displayed, ranges
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import locked
 from tsg_micro.data.hdf5 import open_hdf5, read_array, text, write_hdf5
@@ -72,8 +73,8 @@ _LARGEST = 1e60  # products of a few of them are still numbers
 _WHOLE = ("path", "step", "source")
 
 
-@dataclass(frozen=True)
-class Dataset:
+@dataclass(frozen=True, repr=False)
+class Dataset(Displayed):
     """Material data: Mandel strain (N,6) and stress (N,6) in Pa, and where they come from.
 
     The strain is the symmetric displacement gradient (small strain); ``stress_measure`` names the stress. N points::
@@ -168,6 +169,18 @@ class Dataset:
 
     def __len__(self) -> int:
         return len(self.strain)
+
+    def _display(self) -> tuple[str, dict[str, object]]:
+        measure, paths = self.stress_measure.replace("_", " "), len(np.unique(self.path))
+        more = [name for name in self.arrays() if name not in (*_REQUIRED, "source")]
+        made = [f"{name} {value}" for name, value in self.sources[0].items() if isinstance(value, str | int | float)]
+        return f"Dataset: {len(self)} points on {paths} paths, {measure} stress", {
+            "strain / %": ranges(100.0 * self.strain),
+            "stress / Pa": ranges(self.stress),
+            "also": ", ".join(more),
+            "silent": " ".join(self.silent),
+            "from": ", ".join(made) + (f", and {len(self.sources) - 1} more runs" if len(self.sources) > 1 else ""),
+        }
 
     @property
     def counted(self) -> NDArray[np.bool_]:

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from tsg_micro.data.display import printable
 from tsg_micro.data.errors import InputError
 from workflows.store.record import read_summary, write_table
 
@@ -37,7 +38,7 @@ def show(run: Path) -> None:
     """
     summary = read_summary(run)
     console = Console(width=None if sys.stdout.isatty() else _WIDTH, highlight=False)
-    console.print(Text(_printable(f"tsgdd {summary['command']}, {run}"), style="bold"))
+    console.print(Text(printable(f"tsgdd {summary['command']}, {run}"), style="bold"))
     units = _mapping(summary, "units")
     figures = {name: value for name, value in summary.items() if name not in _APART}
     about = {"version": _mapping(summary, "versions").get("tsgdd"), **_mapping(summary, "machine")}
@@ -48,7 +49,7 @@ def show(run: Path) -> None:
                 continue
             unit = str(unit_of.get(name.split(".")[0], ""))
             shown, unit = _shown(value, "" if unit == "1" else unit)
-            grid.add_row(*(Text(_printable(text)) for text in (name, shown, unit)))
+            grid.add_row(*(Text(printable(text)) for text in (name, shown, unit)))
         console.print(grid)
 
 
@@ -146,8 +147,3 @@ def _shown(value: Any, unit: str) -> tuple[str, str]:
     if unit == "B" and isinstance(value, int | float):
         return f"{value / 1e6:.4g}", "MB"
     return (f"{value:.5g}" if isinstance(value, float) else "-" if value is None else str(value)), unit
-
-
-def _printable(text: str) -> str:
-    """``text`` without what would steer a terminal: a summary may come from anywhere."""
-    return "".join(letter if letter.isprintable() else "?" for letter in text)
