@@ -52,8 +52,10 @@ assert abs(found["reactions"]["left"][0] + 15.0 * 60e-6 * 20e-6) < 1e-14
 assert abs(found["displacements"]["right"][0] / 7.117e-6 - 1.0) < 0.04
 
 # %%
-# Fields are read from ``quadrature.h5``; ParaView opens ``fields.vtkhdf``.
+# Fields are read from ``quadrature.h5``; ParaView opens ``fields.vtkhdf``. The picture: the stress along the pull,
+# and the effective stress.
 
 fields = dd.read_quadrature(out / "quadrature.h5")
-p, q = fields.cell_mean(fields.mechanical_p), fields.cell_mean(fields.mechanical_q)
-figure = plot_maps(fields.corners[:, :4, :2], {"pressure $p$": (p, "Pa"), "effective stress $q$": (q, "Pa")}, columns=1)
+along, q = fields.cell_mean(fields.mechanical_stress)[:, 0], fields.cell_mean(fields.mechanical_q)
+shown = {"first Piola $P_{xx}$": (along, "Pa"), "effective stress $q$": (q, "Pa")}
+figure = plot_maps(fields.corners[:, :4, :2], shown, columns=1)
