@@ -100,7 +100,7 @@ class SheetCase:
     def check(self, options: Mapping[str, Any]) -> dict[str, Any]:
         """See Case."""
         given = self._scene(options).parameters()
-        return {name: given[name] for name in ("kinematics", "clamp", "degree", "element", "flat", "edges")}
+        return {name: given[name] for name in ("kinematics", "clamp", "degree", "element", "flat", "edges", "graded")}
 
     def dns(self, stages: Stages, say: Callable[[str], None]) -> Path:
         """See Case; a sheet that could buckle is held flat."""
@@ -127,9 +127,8 @@ class SheetCase:
         return _ends(midpoint[:, 1], self.block)
 
     def _scene(self, options: Mapping[str, Any]) -> Scene:
-        """Default options; a sheet that could buckle, in finite strain, is held flat as the full tensegrity is."""
-        held = {"flat": options.get("kinematics") == "finite"}
-        return Scene(self.load, self.strain, elements=(*self.blocks, 1), **{**held, **options})
+        """Default options. Nothing turns a flat mesh out of its plane, so that it needs no support there."""
+        return Scene(self.load, self.strain, elements=(*self.blocks, 1), **options)
 
 
 @dataclass(frozen=True)

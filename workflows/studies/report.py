@@ -70,6 +70,7 @@ def write_report(file: Path, runs: Path, chain: Chain) -> list[dict[str, str]]:
     ]
     for load, one in LOADS.items():
         text += _load_section(runs, load, one.symbol, found[load])
+    text += _other_scenes(runs)
     file.write_text("\n".join(text) + "\n")
     return rows
 
@@ -190,6 +191,37 @@ def _load_section(runs: Path, load: str, symbol: str, found: Mapping[str, Summar
         ),
         "",
         *_images(runs, f"frontier-{load}"),
+    ]
+
+
+def _other_scenes(runs: Path) -> list[str]:
+    """What default options err by on other scenes, if that was measured into the folder ``accuracy`` of the report."""
+    command = "`tsgdd bench accuracy --no-parts --out accuracy`"
+    text = [
+        "",
+        "## Other scenes",
+        "",
+        "All of this is one sheet of one prestress, in the paper's model: trilinear elements and one tissue. Errors on "
+        "other shapes, loads and prestresses differ, and so do those of default options, elements that bend and edges "
+        "of their own.",
+        "",
+    ]
+    if not (runs / "accuracy" / "summary.json").exists():
+        return [*text, f"They were not measured here: {command} in this folder, then the report again."]
+    measured = read_summary(runs / "accuracy", "bench accuracy")
+    kinematics, version = measured["parameters"]["kinematics"], measured["versions"]["tsgdd"]
+    cases: dict[str, dict[str, str]] = {}
+    for row in measured["rows"]:
+        cases.setdefault(f"{row['case']} | {row['symbol']}", {})[row["zone"]] = _percent(row, "error")
+    return [
+        *text,
+        f"Default options, {kinematics} strain, tsgdd {version} ({command}):",
+        "",
+        "| scene | error of | inner blocks | all blocks |",
+        "|---|---|---|---|",
+        *(f"| {case} | {zone['inner']} | {zone['all']} |" for case, zone in cases.items()),
+        "",
+        *_images(runs, "accuracy"),
     ]
 
 

@@ -110,7 +110,7 @@ def test_sampled_edges_are_used(order, data, tmp_path):
 
 
 def test_order_2_reaches_fe2_with_edges(data, tmp_path):
-    scene = Scene("stretch", 0.03, elements=(3, 4, 1), edges=True, kinematics="finite", element="enhanced")
+    scene = Scene("stretch", 0.03, elements=(3, 4, 1), graded=False, edges=True, kinematics="finite")
     exact = fe2(tmp_path / "fe2", scene=scene, tissue=Tissue(bar_force=F_B), plots=False)
     found = solve(tmp_path / "dd", data=data["all"], scene=scene, order=2, plots=False)
     adapted = solve(
@@ -155,7 +155,7 @@ def test_bulk_tissue(tsgdd, read_summary, tmp_path):
 
 def test_a_body_one_block_thick_is_a_sheet(tmp_path):
     """Bulk tissue with edges, free in both directions across z, is the sheet."""
-    sheet = Scene("stretch", 0.01, elements=(3, 3, 1), edges=True, clamp="inplane")
+    sheet = Scene("stretch", 0.01, elements=(3, 3, 1), graded=False, edges=True, clamp="inplane")
     bulk = replace(sheet, kind="bulk")
     problem = bulk.problem(MPI.COMM_SELF, rve=RVESpec.of_kind("bulk", Tissue()))
     assert problem.regions is not None

@@ -17,6 +17,7 @@ import pytest
 from tsg_micro.data.dataset import read_dataset
 from tsg_micro.data.errors import InputError
 from workflows.runs.loads import LOADS
+from workflows.store.record import write_summary
 from workflows.store.stages import Stages
 from workflows.studies.data_size import data_size, sizes_of
 from workflows.studies.one_load import Study
@@ -243,6 +244,14 @@ def test_killed_paper_goes_on_and_reports(program, tsgdd, read_summary, is_png, 
     monkeypatch.setitem(LOADS, "pull", LOADS["stretch"])
     for folder in tmp_path.glob("*-stretch*"):
         shutil.copytree(folder, folder.with_name(folder.name.replace("stretch", "pull")))
+    assert "They were not measured here: `tsgdd bench accuracy" in report  # errors of one sheet are not those of all
+    zones = [
+        {"case": "a sheet", "symbol": "p", "zone": zone, "error": e} for zone, e in (("inner", 0.012), ("all", 0.2))
+    ]
+    family = tmp_path / "accuracy"
+    family.mkdir()
+    write_summary(family, command="bench accuracy", parameters={"kinematics": "small"}, figures={"rows": (zones, "1")})
     rows = write_report(tmp_path / "more.md", tmp_path, SceneOfChain((4, 4), paths=10, steps=4))
     assert sum(row["quantity"].startswith("pull: ") for row in rows) == 13
+    assert "| a sheet | p | 1.2 % | 20.0 % |" in (tmp_path / "more.md").read_text()
     assert (tmp_path / "more.md").read_text().count("](compare-pull/") == report.count("](compare-stretch/") > 0
