@@ -17,7 +17,7 @@ __all__ = ["WarmRVE"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_AT_ONCE = 20_000
+_AT_ONCE = 22_000
 """Unknowns of a batch; with more it is no faster."""
 
 

@@ -7,6 +7,7 @@ the inertia tells a stable equilibrium from an unstable one.
 
 from __future__ import annotations
 
+import ctypes
 import importlib.util
 import os
 import sys
@@ -106,22 +107,32 @@ class Pardiso:
         iparm[0], iparm[1], iparm[9], iparm[20] = 1, 2, 13, 1  # own settings, METIS, pivot 1e-13, Bunch-Kaufman
         iparm[7] = 0  # refinement only where pivots were perturbed
         iparm[10], iparm[12] = 0, 0  # no scaling or matching: the pattern's ordering stays valid
-        self._matrix = sp.csr_array((np.zeros(len(indices)), indices, indptr), shape=(n, n))
-        self._dummy = np.zeros((n, 1), order="F")
+        self._values, self._dummy = np.zeros(len(indices)), np.zeros((n, 1), order="F")
         self._threads = 0  # those of the analysis
+        self._pattern = [part.astype(np.int32) + 1 for part in (indptr, indices)]
+        self._pardiso = self._solver.libmkl["pardiso"]
+        self._phase, self._columns, self._error = (ctypes.c_int32() for _ in range(3))
+        one, kind, size, silent = (ctypes.byref(ctypes.c_int32(value)) for value in (1, self._solver.mtype, n, 0))
+        values, row, column, pt, perm, own = (
+            ctypes.c_void_p(array.ctypes.data)
+            for array in (self._values, *self._pattern, self._solver.pt, self._solver.perm, iparm)
+        )
+        # made once: pypardiso makes them for every call, which takes as long as to solve for a small matrix
+        first = (pt, one, one, kind, ctypes.byref(self._phase), size, values, row, column)
+        self._arguments = (*first, perm, ctypes.byref(self._columns), own, silent)
         weakref.finalize(self, self._solver.free_memory, everything=True)
 
     def _call(self, phase: int, b: Array) -> Array:
-        from pypardiso.pardiso_wrapper import PyPardisoError
-
-        self._solver.set_phase(phase)
-        try:
-            return np.asarray(self._solver._call_pardiso(self._matrix, b))
-        except PyPardisoError as error:
-            raise ConvergenceError(f"linear solver pardiso: {error}") from None
+        x = np.empty_like(b)
+        self._phase.value, self._columns.value, self._error.value = phase, b.size // len(b), 0
+        at = (ctypes.c_void_p(array.ctypes.data) for array in (b, x))
+        self._pardiso(*self._arguments, *at, ctypes.byref(self._error))
+        if self._error.value:
+            raise ConvergenceError(f"linear solver pardiso: error {self._error.value}")
+        return np.ascontiguousarray(x)
 
     def factorise(self, values: Array) -> Factor:
-        self._matrix.data = np.ascontiguousarray(values)
+        self._values[:] = values
         threads = int(self._solver.libmkl.MKL_Get_Max_Threads())
         if self._threads not in (0, threads):
             self._solver.free_memory(everything=True)
@@ -134,7 +145,7 @@ class Pardiso:
         set_threads = self._solver.libmkl.MKL_Set_Num_Threads_Local
         before = set_threads(self._threads)
         try:
-            return self._call(33, np.asfortranarray(b))
+            return self._call(33, np.asfortranarray(b, dtype=float))
         finally:
             set_threads(before)
 
