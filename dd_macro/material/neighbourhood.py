@@ -23,7 +23,7 @@ class Neighbourhood:
 
     def __init__(self, strain: Array, factor: Array) -> None:
         self._factor, self.at = factor, strain @ factor
-        self._tree = cKDTree(self.at)
+        self._tree = cKDTree(self.at, balanced_tree=False)  # built in half the time, and asked little
 
     def __len__(self) -> int:
         return len(self.at)

@@ -1,4 +1,8 @@
-"""Nearest datum of every material point: a k-d tree over the whitened data, and queries that need no search."""
+"""Nearest datum of every material point: a k-d tree over the whitened data, and queries that need no search.
+
+The tree is over the principal axes of the data, those in which they differ: distances are the same, and its boxes lie
+along the data, which mostly fill few of the twelve directions. The others are equally far from all data.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from dd_macro.material.distinct import first_of_equal, principal_axes
 from dd_macro.material.metric import Metric
 from dd_macro.material.neighbourhood import Neighbourhood
 from tsg_micro.data.dataset import Dataset
@@ -41,17 +46,19 @@ class MaterialSearch:
 
     def __init__(self, dataset: Dataset, metric: Metric, *, workers: int = 1) -> None:
         self.dataset, self.metric, self.workers = dataset, metric, workers
-        whitened = self._places()
-        _, first = np.unique(whitened, axis=0, return_index=True)
-        self._first = np.sort(first)
-        self._data = whitened[self._first]
+        places = self._places()
+        self._first = first_of_equal(places)
+        if len(self._first) < len(places):
+            places = places[self._first]
+        self._middle, self._axes = principal_axes(places)
+        self._data = (places - self._middle) @ self._axes
         self._tree = cKDTree(self._data)
         self.queries = self.skips = 0
         self.forget()
 
     def forget(self) -> None:
         """Drop what is remembered of earlier searches."""
-        self._where = np.empty((0, 12))
+        self._where = np.empty((0, 0))
         self._nearest = np.empty(0, dtype=np.int64)
         self._margin = np.empty(0)
 
@@ -71,7 +78,9 @@ class MaterialSearch:
     @cached_property
     def neighbourhood(self) -> Neighbourhood:
         """That of the strains of the data, in the components that they answer."""
-        return Neighbourhood(np.unique(self.dataset.strain, axis=0), self.metric.factor * self._counted[:, None])
+        return Neighbourhood(
+            self.dataset.strain[first_of_equal(self.dataset.strain)], self.metric.factor * self._counted[:, None]
+        )
 
     def outside(self, strain: Array) -> NDArray[np.bool_]:
         """Whether the strains (n, 6) are outside the neighbourhood of the data (n,)."""
@@ -85,8 +94,8 @@ class MaterialSearch:
         """
         if z.ndim != 2 or z.shape[1] != 12 or not np.isfinite(z).all():
             raise InputError(f"points to search for: expected finite numbers (n, 12), got shape {z.shape} or NaN")
-        z = self._seen(z)
-        if len(z) != len(self._where):
+        z, beside = self._along(z)
+        if z.shape != self._where.shape:
             self._where = np.full(z.shape, np.nan)
             self._nearest = np.zeros(len(z), dtype=np.int64)
             self._margin = np.zeros(len(z))
@@ -100,4 +109,10 @@ class MaterialSearch:
             self._nearest[search] = index[:, 0]
             # a hair less than half, so that round-off cannot turn a tie
             self._margin[search] = 0.5 * (1 - 1e-9) * (distance[:, 1] - distance[:, 0])
-        return self._first[self._nearest], np.linalg.norm(z - self._data[self._nearest], axis=1)
+        return self._first[self._nearest], np.hypot(np.linalg.norm(z - self._data[self._nearest], axis=1), beside)
+
+    def _along(self, z: Array) -> tuple[Array, Array]:
+        """Whitened points z (n, 12) in the axes of the data, and how far they are from all data across them (n,)."""
+        seen = self._seen(z) - self._middle
+        along = seen @ self._axes
+        return along, np.linalg.norm(seen - along @ self._axes.T, axis=1)

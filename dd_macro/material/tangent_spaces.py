@@ -100,7 +100,9 @@ class TangentSearch(MaterialSearch):
         if self.neighbours == 1:
             return self.of(self.nearest(z)[0])
         more = min(self.neighbours + 1, len(self._data))
-        distance, index = self._tree.query(self._seen(z), k=more, workers=self.workers)
+        along, beside = self._along(z)
+        distance, index = self._tree.query(along, k=more, workers=self.workers)
+        distance = np.hypot(distance, beside[:, None])
         if more == self.neighbours:  # no next datum: it is as far away as the last, and half as much again
             outer, inside = 1.5 * distance[:, -1:], distance
         else:

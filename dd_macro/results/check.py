@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from dd_macro.material.distinct import first_of_equal
 from dd_macro.material.estimated_tangents import estimate_tangents
 from dd_macro.material.metric import Metric, mean_tangent, secant_modulus
 from dd_macro.material.source import Source
@@ -132,7 +133,7 @@ def check_by_data(solution: Solution) -> ErrorEstimate:
     problem, z, data = solution.problem, solution.mechanical, solution.dataset
     own = isinstance(solution, SecondOrderResult)
     kind = "data without their own" if own else "tangents of the data"
-    if data is None or len(np.unique(data.strain, axis=0)) < _LEAST or not (data.strain.any() and data.stress.any()):
+    if data is None or len(first_of_equal(data.strain)) < _LEAST or not (data.strain.any() and data.stress.any()):
         return ErrorEstimate(None, kind, seconds=time.perf_counter() - begin)
     if data.tangent is None:
         data = estimate_tangents(data, neighbours=min(len(data) - 1, _NEIGHBOURS))

@@ -145,9 +145,10 @@ def brute_force(data, z):
     return distance.argmin(axis=1), distance.min(axis=1)
 
 
-def test_search_is_exact_with_and_without_skips(rng, make_dataset):
-    """Points drift by small steps; skipped answers must be those of brute force as well."""
-    strain = rng.normal(size=(200, 6))
+@pytest.mark.parametrize("spanned", [6, 2])
+def test_search_is_exact_with_and_without_skips(rng, make_dataset, spanned):
+    """Points drift by small steps; skipped answers must be those of brute force as well, beside the data too."""
+    strain = rng.normal(size=(200, spanned)) @ rng.normal(size=(spanned, 6))
     metric = Metric(spd(5, scale=1.0), "test")
     dataset = make_dataset(strain, strain @ spd(6, scale=1.0))
     search = MaterialSearch(dataset, metric)
@@ -161,6 +162,7 @@ def test_search_is_exact_with_and_without_skips(rng, make_dataset):
         np.testing.assert_allclose(distance, length, rtol=1e-12)
     assert search.queries == 1800
     assert 200 < search.skips < 1800
+    assert search._data.shape == (200, spanned)
 
 
 def test_equal_data_count_once_and_a_single_datum_is_enough(rng, make_dataset):
@@ -175,6 +177,7 @@ def test_equal_data_count_once_and_a_single_datum_is_enough(rng, make_dataset):
     for _ in range(2):
         np.testing.assert_array_equal(single.nearest(z)[0], 0)
     assert single.skips == 5
+    assert [len(found) for found in single.nearest(z[:0])] == [0, 0]
 
 
 def test_search_refuses_nan(make_dataset):
