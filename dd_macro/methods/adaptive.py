@@ -45,7 +45,7 @@ Array = NDArray[np.float64]
 _MOST_ROUNDS = 1000
 _LEFT = 0.9
 """Where a round hardly lowers the distance, the error is not more than nine times its change."""
-_LEAVE = 0.1
+_LEAVE = 0.03
 """Part of the out-of-balance force that a round may leave: it has to show which strains there are."""
 _HOLD_AFTER = 8
 """Points still between two data after so many searches of the last solve do not matter to the error."""

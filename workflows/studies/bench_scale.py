@@ -8,6 +8,7 @@ solves, RVEs and the rest.
 
 from __future__ import annotations
 
+import resource
 import shutil
 import subprocess
 import sys
@@ -96,10 +97,11 @@ def scale(
             for size in (n for n in sorted(sizes) if n <= method.largest):
                 target = out / f"{name}-{size}-{count}{'.h5' * (method.command == 'sample')}".replace(" ", "-")
                 arguments = (*method.options, *method.sized(size, data), "--no-plots", "--out", target)
-                if not _run([method.command, *arguments], count, seconds):
+                cpu = _run([method.command, *arguments], count, seconds)
+                if cpu is None:
                     say(f"{name}, {count} ranks, {size}: more than {seconds:g} s")
                     break
-                rows.append(_row(name, size, count, read_summary(target, method.command)))
+                rows.append(_row(name, size, count, cpu, read_summary(target, method.command)))
                 say(f"{name:15} {count} ranks {2 * size * size:8} elements {rows[-1]['seconds']:8.2f} s")
     if not rows:
         raise InputError(f"seconds: expected enough for one run, got {seconds}")
@@ -118,13 +120,14 @@ def scale(
     return summary
 
 
-def _run(arguments: Sequence[object], ranks: int, seconds: float | None) -> bool:
-    """Whether ``tsgdd`` with these arguments ended in time, on a number of ranks.
+def _run(arguments: Sequence[object], ranks: int, seconds: float | None) -> float | None:
+    """CPU time, in s, of ``tsgdd`` with these arguments on a number of ranks; None where it did not end in time.
 
     Raises:
         ConvergenceError: it failed.
     """
     start = [] if ranks == 1 else ["mpiexec", "-n", str(ranks)]
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     try:
         done = subprocess.run(
             [*start, sys.executable, "-c", _START, *map(str, arguments)],
@@ -133,19 +136,21 @@ def _run(arguments: Sequence[object], ranks: int, seconds: float | None) -> bool
             timeout=seconds,
         )
     except subprocess.TimeoutExpired:
-        return False
+        return None
     if done.returncode != 0:
         raise ConvergenceError(f"tsgdd {arguments[0]}: {(done.stderr.strip() or 'failed').splitlines()[-1]}")
-    return True
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def _row(method: str, size: int, ranks: int, found: dict[str, Any]) -> dict[str, Any]:
-    """Numbers of one run; memory is the largest of its processes."""
+def _row(method: str, size: int, ranks: int, cpu: float, found: dict[str, Any]) -> dict[str, Any]:
+    """Numbers of one run; memory is the largest of its processes, CPU time has their start, and waits of ranks."""
     phases = {name: float(found.get(name, 0.0)) for name in PHASES[:-1]}
     rest = float(found["seconds"]) - sum(phases.values())
     counted = METHODS[method].iterations
     numbers = {
         "seconds": found["seconds"],
+        "cpu": cpu,
         "peak_memory": found.get("peak_memory"),
         "iterations": None if counted is None else found[counted],
     }
@@ -157,10 +162,11 @@ def _row(method: str, size: int, ranks: int, found: dict[str, Any]) -> dict[str,
 def _tables(rows: Sequence[dict[str, Any]], exponents: Sequence[dict[str, Any]]) -> str:
     """The rows and the exponents as tables in Markdown."""
     parts = " | ".join(name.removeprefix("seconds_").replace("_", " ") for name in PHASES)
-    lines = [f"| method | ranks | elements | s | GB | iterations | {parts} |", "|---" * (6 + len(PHASES)) + "|"]
+    lines = [f"| method | ranks | elements | s | CPU s | GB | iterations | {parts} |", "|---" * (7 + len(PHASES)) + "|"]
     for row in rows:
-        numbers = (row["seconds"], (row["peak_memory"] or np.nan) / 1e9, row["iterations"], *(row[n] for n in PHASES))
-        cells = ("" if n is None or n != n else f"{n:.3g}" for n in numbers)
+        memory = None if row["peak_memory"] is None else row["peak_memory"] / 1e9
+        numbers = (row["seconds"], row["cpu"], memory, row["iterations"], *(row[name] for name in PHASES))
+        cells = ("" if n is None else f"{n:.3g}" for n in numbers)
         lines.append(f"| {row['method']} | {row['ranks']} | {row['elements']} | {' | '.join(cells)} |")
     lines += ["", "| n^k | ranks | time | memory | iterations |", "|---" * 5 + "|"]
     for row in exponents:

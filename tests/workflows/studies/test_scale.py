@@ -22,6 +22,7 @@ def test_every_method_and_size_has_a_row_that_adds_up(bench, is_png):
         assert sum(row[name] for name in PHASES) == pytest.approx(row["seconds"])
         if METHODS[row["method"]].command == "solve":
             assert row["seconds_setup"] > 0 < row["seconds_linear_solves"]
+        assert row["cpu"] > 0.1
         assert row["method"] == "sampling" or row["peak_memory"] > 1e7
     table = (out / "scale.md").read_text()
     assert all(table.count(f"| {method} | 1 |") == 3 for method in METHODS)
