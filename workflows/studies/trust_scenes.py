@@ -36,7 +36,10 @@ class TrustScene:
 
     @property
     def scene(self) -> Scene:
-        """What is solved; a sheet in finite strain is held flat, so that FE2 and the solve have one solution."""
+        """What is solved; a sheet in finite strain is held flat, so that FE2 and the solve have one solution.
+
+        One element a block: what the data leave is asked for, on the mesh that FE2 has as well.
+        """
         return Scene(
             load=self.load,
             strain=self.strain,
@@ -45,6 +48,7 @@ class TrustScene:
             kinematics=self.kinematics,
             kind=self.kind,
             flat=self.kind == "sheet" and self.kinematics == "finite",
+            graded=False,
         )
 
     @property
