@@ -32,7 +32,6 @@ def draw_cell(out: Path, results: Sequence[Indentation]) -> None:
         series = VtuSeries(out / f"{name}.pvd", f"{name}_steps")
         for k, (force, state) in enumerate(zip(result.force, result.states, strict=True)):
             series.add(k, result.structure, state, time=1e9 * float(force))
-        series.close()
 
 
 def _curves(results: Sequence[Indentation]) -> Figure:

@@ -33,7 +33,6 @@ def draw_spheroid(out: Path, result: Compression) -> None:
     series = VtuSeries(out / "spheroid.pvd")
     for step, record in enumerate(records):
         series.add(step, body.structure, record.state)
-    series.close()
     save_figure(_bar_force(body), out / "bar_force.png")
     if len(records) > 1:
         save_figure(_profile(body, records), out / "radial_stress.png")

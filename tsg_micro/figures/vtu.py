@@ -61,7 +61,10 @@ def write_vtu(path: str | Path, structure: Structure, displacement: Array, membe
 
 
 class VtuSeries:
-    """States of a structure along a path, each a file in the folder ``steps`` beside ``pvd``, the list of them."""
+    """States of a structure along a path, each a file in the folder ``steps`` beside ``pvd``, the list of them.
+
+    The list is whole after every state, so that ParaView can open a run, and open it anew, while it goes on.
+    """
 
     def __init__(self, pvd: Path, steps: str = "steps") -> None:
         self.pvd, self.steps = pvd, steps
@@ -70,10 +73,14 @@ class VtuSeries:
 
     def add(self, number: int, structure: Structure, state: Equilibrium, *, time: float | None = None) -> None:
         """Write the state of this ``number``, which is its time too where none is given."""
-        name = f"{self.steps}/{number:03d}.vtu"
-        write_vtu(self.pvd.parent / name, structure, state.displacement, state.members)
-        self.files.append((float(number) if time is None else time, name))
-
-    def close(self) -> None:
-        """Write the list."""
+        write_vtu(self.pvd.parent / self._name(number), structure, state.displacement, state.members)
+        self.files.append((float(number) if time is None else time, self._name(number)))
         write_pvd(self.pvd, self.files)
+
+    def keep(self, last: int) -> None:
+        """List the states from 1 to ``last`` that an earlier part of the run has written, as far as they are there."""
+        known = [(float(n), self._name(n)) for n in range(1, last + 1)]
+        self.files += [(time, name) for time, name in known if (self.pvd.parent / name).is_file()]
+
+    def _name(self, number: int) -> str:
+        return f"{self.steps}/{number:03d}.vtu"

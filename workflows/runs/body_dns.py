@@ -11,7 +11,7 @@ import hashlib
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,7 @@ import dd_macro as dd
 from tsg_micro.bodies.sheet_means import block_data
 from tsg_micro.bodies.voxel_body import memory_of_body
 from tsg_micro.bodies.voxel_path import LoadedBody
+from tsg_micro.cells.structure import Structure
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.homogenise import BlockFields, block_fields
 from tsg_micro.continuum.radial_profiles import ball_radius, block_radius, radial_profile, radial_stress, shell_count
@@ -40,6 +41,9 @@ from workflows.store.checkpoint import (
 )
 from workflows.store.limits import check_count, check_memory
 from workflows.store.record import drop_summary, peak_memory, versions, write_summary
+
+if TYPE_CHECKING:
+    from tsg_micro.figures.vtu import VtuSeries
 
 __all__ = ["FACTORS", "body_dns"]
 
@@ -69,8 +73,8 @@ def body_dns(
     A voxel is a block of the ``tissue`` with a ``bar_force`` of its own (cells,), N. Supports and loads act as
     :func:`scene_loads` says; with ``free`` what rigid motions the supports leave are held in the mean. ``parameters``
     are those of the scene, for the summary. Writes blocks.h5 and blocks_kirchhoff.h5 (block means as data sets, in the
-    mesh's coordinates; of a member that two blocks share each has its own prestress), structure.vtu, figures and, last
-    of all, summary.json into ``out``.
+    mesh's coordinates; of a member that two blocks share each has its own prestress), structure.vtu, structure.pvd of
+    the load steps as they are done, figures and, last of all, summary.json into ``out``.
 
     Raises:
         InputError: an argument is not valid, the mesh is none of voxels or on several ranks, or the body needs more
@@ -91,7 +95,8 @@ def body_dns(
     structure = scene.body.structure
     arrays = (structure.nodes, structure.rest_length, applied.fixed, applied.displacement, applied.force)
     decisive = {"arrays": _digest(*arrays), "pressure": applied.pressure, "factors": levels, "tissue": tissue.as_dict()}
-    state, resumed = _follow(body, levels, out / "checkpoint.h5", fingerprint(decisive), begin, say)
+    series = _series(out) if plots else None
+    state, resumed = _follow(scene, body, levels, out / "checkpoint.h5", fingerprint(decisive), begin, say, series)
     fields = block_fields(structure, body.displacement, body.members, prestress=scene.body.prestress)
     fields = dataclasses.replace(fields, midpoint=fields.midpoint + scene.body.origin)
     data = block_data(fields, parameters={"tissue": tissue.as_dict()}, versions=versions())
@@ -124,8 +129,22 @@ def _check_memory(domain: dd.TaggedMesh, tissue: Tissue, linear_solver: str) -> 
     check_memory(f"mesh: {domain.global_cells} blocks with {backend}", needed)
 
 
+def _series(out: Path) -> VtuSeries:
+    """The load steps, for ParaView."""
+    from tsg_micro.figures.vtu import VtuSeries
+
+    return VtuSeries(out / "structure.pvd")
+
+
 def _follow(
-    body: LoadedBody, levels: Sequence[float], file: Path, run: str, begin: float, say: Say
+    scene: VoxelScene,
+    body: LoadedBody,
+    levels: Sequence[float],
+    file: Path,
+    run: str,
+    begin: float,
+    say: Say,
+    series: VtuSeries | None,
 ) -> tuple[Checkpoint, int]:
     """Load the body to all ``levels``, or to those after the checkpoint in ``file``.
 
@@ -139,6 +158,8 @@ def _follow(
     if resumed:
         say(f"going on after step {resumed} of {steps}")
         body.resume(state.displacement, levels[resumed - 1])
+        if series:
+            series.keep(resumed)
     for number in tracked(range(resumed, steps), "load steps"):
         result = body.load(levels[number])
         now = time.perf_counter()
@@ -155,12 +176,19 @@ def _follow(
             peak_memory=peak_memory(),
         )
         last, state = now, Checkpoint(result.displacement, (*state.done, step))
+        if series:
+            series.add(number + 1, _placed(scene), result)
         write_checkpoint(file, state, run)
         say(
             f"step {number + 1} of {steps}: {levels[number]:.4g} of the load, {step.iterations} iterations, "
             f"{step.negative_pivots} negative pivots, {now - begin:.0f} s"
         )
     return state, resumed
+
+
+def _placed(scene: VoxelScene) -> Structure:
+    """The structure in the mesh's coordinates."""
+    return dataclasses.replace(scene.body.structure, nodes=scene.body.position)
 
 
 def _figures(
@@ -234,7 +262,7 @@ def _draw(out: Path, scene: VoxelScene, body: LoadedBody, fields: BlockFields) -
     from tsg_micro.figures.vtu import write_vtu
 
     structure, edge, members = scene.body.structure, scene.body.tissue.block, body.members
-    placed = dataclasses.replace(structure, nodes=scene.body.position)
+    placed = _placed(scene)
     write_vtu(out / "structure.vtu", placed, body.displacement, members)
     rest = body.solver.system.state(np.zeros(body.solver.system.size))
     views = [View("at rest", None, rest.force), View("loaded", body.displacement, members.force)]

@@ -11,7 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -39,6 +39,9 @@ from workflows.store.checkpoint import (
 from workflows.store.limits import check_count
 from workflows.store.record import peak_memory, versions, write_summary
 
+if TYPE_CHECKING:
+    from tsg_micro.figures.vtu import VtuSeries
+
 __all__ = ["dns"]
 
 Say = Callable[[str], None]
@@ -59,8 +62,9 @@ def dns(
 ) -> dict[str, Any]:
     """Load a sheet of ``blocks`` (x, y) 2x2x2-cell blocks to ``strain``, in ``steps`` recorded steps, each stable.
 
-    Writes blocks.h5 and blocks_kirchhoff.h5 (the block means as data sets), structure.vtu, figures and, last of all,
-    summary.json into ``out``. ``flat`` is that of tsg_micro.bodies.sheet.Sheet.
+    Writes blocks.h5 and blocks_kirchhoff.h5 (the block means as data sets), structure.vtu, structure.pvd of the
+    load steps as they are done, figures and, last of all, summary.json into ``out``. ``flat`` is that of
+    tsg_micro.bodies.sheet.Sheet.
 
     Raises:
         InputError: an argument is not valid, or the sheet needs more memory than there is.
@@ -79,7 +83,8 @@ def dns(
     begin = time.perf_counter()
     body = ClampedSheet(sheet, motion)
     strains = [strain * number / steps for number in range(steps + 1)]
-    state, resumed = _follow(body, strains, out / "checkpoint.h5", fingerprint(parameters), begin, say)
+    series = _series(out) if plots else None
+    state, resumed = _follow(body, strains, out / "checkpoint.h5", fingerprint(parameters), begin, say, series)
     fields = block_fields(body.structure, state.displacement, body.members)
     data, kirchhoff = block_data(fields, parameters=scene | {"tissue": tissue.as_dict()}, versions=versions())
     write_dataset(out / "blocks.h5", data)
@@ -109,8 +114,21 @@ def _seconds(state: Checkpoint, resumed: int, begin: float) -> float:
     return sum(step.seconds for step in state.done[:resumed]) + time.perf_counter() - begin
 
 
+def _series(out: Path) -> VtuSeries:
+    """The load steps, for ParaView."""
+    from tsg_micro.figures.vtu import VtuSeries
+
+    return VtuSeries(out / "structure.pvd")
+
+
 def _follow(
-    body: ClampedSheet, strains: list[float], file: Path, run: str, begin: float, say: Say
+    body: ClampedSheet,
+    strains: list[float],
+    file: Path,
+    run: str,
+    begin: float,
+    say: Say,
+    series: VtuSeries | None,
 ) -> tuple[Checkpoint, int]:
     """Load the sheet to all ``strains`` after the first, rest, or after those of the checkpoint in ``file``.
 
@@ -124,11 +142,15 @@ def _follow(
     if resumed:
         say(f"going on after step {resumed} of {steps}")
         body.resume(state.displacement)
+        if series:
+            series.keep(resumed)
     for number in tracked(range(resumed + 1, steps + 1), "load steps"):
         result = body.load(strains[number])
         now = time.perf_counter()
         step, last = _record(result, now - last), now
         state = Checkpoint(result.state.displacement, (*state.done, step))
+        if series:
+            series.add(number, body.structure, result.state)
         write_checkpoint(file, state, run)
         say(
             f"step {number} of {steps}: nominal stress {step.answer:.4g} Pa, {step.iterations} iterations, "

@@ -116,7 +116,6 @@ def monolayer(
     }
     summary = write_summary(out, command="monolayer", parameters=parameters, figures=figures)
     if series:
-        series.close()
         _draw(out, result, cells, modulus, sizes, others)
     return summary
 

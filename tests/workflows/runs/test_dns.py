@@ -7,8 +7,10 @@ import signal
 import subprocess
 import time
 from typing import Any
+from xml.etree import ElementTree
 
 import h5py
+import meshio
 import numpy as np
 import pytest
 
@@ -226,3 +228,30 @@ def test_the_estimate_of_memory_is_what_a_run_takes(launch, read_summary, tmp_pa
     assert 0.5 < memory_needed(Sheet((10, 5)).unknowns, summary["linear_solver"]) / summary["peak_memory"] < 2.0
     # the sheet of the paper: 2.4 GB were measured in stretch, and 0.6 GB are for the modes of one that buckles
     assert memory_needed(Sheet((60, 30)).unknowns, "pardiso") == pytest.approx(3.0e9, rel=0.05)
+
+
+def test_paraview_can_open_a_run_that_goes_on(tmp_path):
+    """The list of load steps is whole after each, and of all steps where the run was cut in between."""
+
+    def steps():
+        found = ElementTree.parse(tmp_path / "structure.pvd").iter("DataSet")
+        files = [(float(one.attrib["timestep"]), tmp_path / one.attrib["file"]) for one in found]
+        return [(time, meshio.read(file).point_data["displacement"][:, 1].max()) for time, file in files]
+
+    seen = []
+
+    def say(text):
+        if text.startswith("step "):
+            seen.append(steps())
+        if text.startswith("step 2"):
+            raise Interrupted
+
+    scene = SCENE | {"plots": True, "steps": 4}
+    with pytest.raises(Interrupted):
+        dns(tmp_path, **scene, say=say)
+    again = dns(tmp_path, **scene)
+    assert again["resumed_after_step"] == 2
+    whole = steps()
+    assert [time for time, _ in whole] == [1.0, 2.0, 3.0, 4.0]
+    np.testing.assert_allclose([u for _, u in whole], np.array(again["strain_history"][1:]) * 20e-6, rtol=1e-9)
+    assert seen == [whole[:1], whole[:2]]
