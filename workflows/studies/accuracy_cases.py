@@ -127,8 +127,9 @@ class SheetCase:
         return _ends(midpoint[:, 1], self.block)
 
     def _scene(self, options: Mapping[str, Any]) -> Scene:
-        """Default options. Nothing turns a flat mesh out of its plane, so that it needs no support there."""
-        return Scene(self.load, self.strain, elements=(*self.blocks, 1), **options)
+        """Default options; in finite strain a sheet that shear could buckle is held flat, as the full tensegrity is."""
+        held = {"flat": options.get("kinematics") == "finite" and LOADS[self.load].axis != 1}
+        return Scene(self.load, self.strain, elements=(*self.blocks, 1), **{**held, **options})
 
 
 @dataclass(frozen=True)
