@@ -71,12 +71,13 @@ def scale(
     *,
     sizes: Sequence[int] = SIZES,
     ranks: Sequence[int] = (1, 2),
+    methods: Sequence[str] = tuple(METHODS),
     paths: int = 300,
     seconds: float = 600.0,
     plots: bool = True,
     say: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
-    """Run all methods on sheets of ``sizes`` elements across, on these numbers of ``ranks``.
+    """Run ``methods``, names of METHODS, on sheets of ``sizes`` elements across, on these numbers of ``ranks``.
 
     scale.csv has the rows, scale.md the same as a table, and scale.png draws them.
     ``paths`` loading paths give the data. A size that takes longer than ``seconds`` ends a row of sizes.
@@ -87,12 +88,16 @@ def scale(
     """
     if not sizes or min(sizes) < 2 or min(ranks, default=0) < 1:
         raise InputError(f"sizes, ranks: expected sizes from 2 and ranks from 1, got {list(sizes)} and {list(ranks)}")
+    unknown = [name for name in methods if name not in METHODS]
+    if unknown or not methods:
+        raise InputError(f"method: expected some of {', '.join(METHODS)}, got {', '.join(unknown) or 'none'}")
     if max(ranks) > 1 and shutil.which("mpiexec") is None:
         raise InputError("ranks: expected 1 where there is no mpiexec, got more")
     data = output_folder(out) / "data.h5"
     _run(["sample", "--load", "inplane", "--paths", paths, "--no-plots", "--out", data], 1, None)
     rows: list[dict[str, Any]] = []
-    for name, method in METHODS.items():
+    for name in methods:
+        method = METHODS[name]
         for count in ranks if method.parallel else (1,):
             for size in (n for n in sorted(sizes) if n <= method.largest):
                 target = out / f"{name}-{size}-{count}{'.h5' * (method.command == 'sample')}".replace(" ", "-")
@@ -107,7 +112,7 @@ def scale(
         raise InputError(f"seconds: expected enough for one run, got {seconds}")
     write_table(out / "scale.csv", rows)
     exponents = _exponents(rows)
-    parameters = {"sizes": list(sizes), "ranks": list(ranks), "paths": paths}
+    parameters = {"sizes": list(sizes), "ranks": list(ranks), "methods": list(methods), "paths": paths}
     with atomic_path(out / "scale.md") as temporary:
         temporary.write_text(_tables(rows, exponents))
     figures = {"rows": (rows, "s, B"), "exponents": (exponents, "of the number of elements")}

@@ -40,3 +40,5 @@ def test_exponents_are_slopes(bench):
 def test_bad_sizes_are_told(tmp_path):
     with pytest.raises(InputError, match="expected sizes from 2 and ranks from 1"):
         scale(tmp_path, sizes=(1,))
+    with pytest.raises(InputError, match=r"method: expected some of points, .*, got guesses"):
+        scale(tmp_path, methods=("points", "guesses"))
