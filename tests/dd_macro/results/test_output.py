@@ -8,6 +8,7 @@ import json
 import numpy as np
 import pytest
 
+import dd_macro as dd
 from dd_macro import (
     BlockStress,
     Displacement,
@@ -207,3 +208,47 @@ def test_figures(comm, folder):
     assert all((folder / f"{name}.png").stat().st_size > 10_000 for name in ("compare", "maps", "history"))
     with pytest.raises(InputError, match="field to draw: expected 30 finite numbers"):
         plot_maps(outline, {"p": (p[1:], "Pa")})
+
+
+def test_the_distance_is_drawn_as_it_is_and_round_off_as_zero(comm):
+    if comm.rank:
+        return
+    upper, lower = plot_convergence([0.0620, 0.0619, 0.0619], [40, 10, 0], [1.8, 1.0, 1.0]).axes
+    np.testing.assert_allclose(upper.lines[0].get_ydata(), [6.20, 6.19, 6.19])
+    np.testing.assert_array_equal(lower.lines[0].get_ydata(), [40, 10, 0])
+    assert upper.get_yscale() == "linear"
+    falling = plot_convergence([0.04, 3e-17], [40, 0], [1.0, 1.0]).axes[0]
+    np.testing.assert_array_equal(falling.lines[0].get_ydata(), [4.0, 0.0])
+    assert falling.get_ylim()[0] == 0.0
+
+
+def test_few_blocks_are_drawn_one_by_one_and_many_as_a_histogram(comm):
+    if comm.rank:
+        return
+    for size, many in ((6, False), (12, True)):
+        a = blocks(size, size)
+        p, inner = pressure(a.stress), dd.interior_blocks(a.midpoint)
+        outline = block_outlines(a.midpoint)
+        figure = plot_comparison(outline, material=None, mechanical=1.1 * p, tensegrity=p, inner=inner, symbol="p")
+        last = figure.axes[-1]
+        assert bool(last.patches) == many
+        if not many:
+            dots = last.lines[-1]
+            np.testing.assert_allclose(dots.get_ydata(), 1.1 * np.asarray(dots.get_xdata()))
+            assert len(dots.get_xdata()) == inner.sum()
+
+
+def test_the_deformed_body_is_in_the_file(comm, folder):
+    operator = dd.StrainOperator(dd.box(comm, elements=(3, 2, 1), size=(3e-5, 2e-5, 1e-5)))
+    problem = dd.Problem(operator, [dd.Displacement("bottom"), dd.Displacement("top", (1e-6, 2e-6, 0.0))])
+    law = dd.LinearLaw(1e3 * np.eye(6), np.zeros(6))
+    solution = dd.LawMethod().prepare(problem, dd.Material(law=law)).solve()
+    path = folder / "quadrature.h5"
+    write_quadrature(path, operator, solution, stress_measure="first_piola")
+    fields = read_quadrature(path)
+    moved = fields.deformed_corners - fields.corners
+    y = fields.corners[..., 1]
+    np.testing.assert_allclose(moved[y > 1.9e-5], np.tile([1e-6, 2e-6, 0.0], (len(moved[y > 1.9e-5]), 1)), atol=1e-18)
+    np.testing.assert_allclose(moved[y < 1e-7], 0.0, atol=1e-18)
+    old = dataclasses.replace(fields, corner_displacement=None)  # as of a file of an older version
+    np.testing.assert_array_equal(old.deformed_corners, fields.corners)
