@@ -181,6 +181,8 @@ OTHERS = [
     Bad(BODY, 'mesh = "none.msh"', "none.msh: no such file"),
     Bad(BODY, 'mesh = "scene.toml"', "scene.toml: expected a mesh of gmsh"),
     Bad(BODY, f"{TWO}\nrefine = 2", "body: expected refine of bodies made of blocks, got 2 of a mesh"),
+    Bad(BODY, "spheroid = 2\ngraded = true", "body: expected graded beside blocks, box or sheet, got another body"),
+    Bad(BODY, "blocks = [2, 2, 1]\ngraded = 2", "body.graded: expected"),
     Bad(BODY, "blocks = [100000, 100000, 100000]", "body.blocks: 1000000000000000 elements need about"),
     Bad(BODY, 'sheet = ["1 nm", "20 um"]', "body: expected lengths between half a block, 1e-05 m"),
     Bad(SCENE, "not = = toml", "expected a TOML file, got another: Invalid value (at line 1, column 7)"),
