@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 
 _CLOSE, _MOST_OLD, _MANY = 1e-10, 30, 15
 """Conjugate gradients with an older factorisation: residual, iterations at most, and at which a new one is due."""
+_SLOWER = 1.5
+"""Iterations for a digit, over those with values of its own, at which GAMG is set up anew."""
 _MOST_ENTRIES = 800.0
 """Of a row of the factor: making it costs their square a row, in a block of 55,000 unknowns what the iterations of GAMG
 cost. Sheets one element thick have half as many at a million unknowns, and GAMG needs more iterations there."""
@@ -75,7 +77,7 @@ class LinearSolver:
         fits = factor_fits(operator)
         direct = (older is not None and older._direct) or (fits and factor_entries(operator) <= _MOST_ENTRIES)
         self._ksp = _make_solver(K, prefix, direct=direct, pivots=not definite)
-        self._closest = self._ksp.getTolerances()[0]
+        self._closest, self._kept, self._digit = self._ksp.getTolerances()[0], False, np.inf
         self._may_factorise = fits and not direct and self._ksp.getPC().getType() == "gamg"
         self._factor: PETSc.PC | None = None if older is None else older._factor
         self._gradients.setType("cg")
@@ -93,14 +95,16 @@ class LinearSolver:
     def update(self, *, keep: bool = False) -> None:
         """Take over the values that K was newly assembled with.
 
-        With ``keep`` a factorisation of earlier values stays, as long as conjugate gradients find solutions with it in
-        a few iterations; one that is not positive definite does not.
+        With ``keep`` a factorisation of earlier values, or the levels of GAMG, stay, as long as conjugate gradients
+        find solutions with them in a few iterations; a factorisation that is not positive definite does not.
 
         Raises:
             ConvergenceError: the factorisation fails.
         """
-        older = self._factor if keep and self._direct and not self._many and not len(self._motions) else None
+        keeps = keep and not self._many and not len(self._motions)
+        older = self._factor if keeps and self._direct else None
         self._old = older is not None and not self.negative_pivots
+        self._kept = keeps and not self._direct and self._digit < np.inf
         pc = self._ksp.getPC() if older is None or not self._old else older
         K = self.matrix
         mean = abs(K.getDiagonal()).sum() / K.getSize()[0]
@@ -110,7 +114,7 @@ class LinearSolver:
         K.setOption(self._kind, True)  # new values have made PETSc forget it
         self._gradients.setPC(pc)
         self._factor, self._many = (pc if self._direct else None), False
-        pc.setReusePreconditioner(self._old)
+        pc.setReusePreconditioner(self._old or self._kept)
         if self._old:
             self._gradients.setOperators(K)
         else:
@@ -124,6 +128,7 @@ class LinearSolver:
         """The factorisation, or what else the solver needs; PETSc would put it off to the next solve."""
         ksp = self._ksp
         ksp.setOperators(self.matrix)
+        self._digit = self._digit if self._kept else np.inf
         try:
             ksp.setUp()
         except PETSc.Error as error:
@@ -159,19 +164,31 @@ class LinearSolver:
 
     def _solved(self, b: Array, within: float = _CLOSE) -> Array:
         """K^-1 b (3 * nodes,)."""
-        self._ksp.setTolerances(rtol=min(max(within, self._closest), 0.1))
+        asked = min(max(within, self._closest), 0.1)
+        self._ksp.setTolerances(rtol=asked)
         self._b.array[:] = b
         try:
             self._ksp.solve(self._b, self._x)
         except PETSc.Error:
-            if not self._may_factorise:
-                raise self._stopped() from None
+            raise self._stopped() from None
+        if self._ksp.getConvergedReason() < 0:
+            if not self._kept and not self._may_factorise:
+                raise self._stopped()
+            if self._kept:
+                self._kept = False
+                self._ksp.getPC().setReusePreconditioner(False)
+                self._set_up()
+                return self._solved(b, within)
             self._may_factorise = False
             pivots = self._kind == PETSc.Mat.Option.SYMMETRIC
             self._ksp = _make_solver(self.matrix, self._ksp.getOptionsPrefix(), direct=True, pivots=pivots)
             self._factor = self._ksp.getPC()
             self._set_up()
             return self._solved(b)
+        if not self._direct:
+            digit = self._ksp.getIterationNumber() / np.log10(1.0 / asked)
+            self._many |= digit > _SLOWER * self._digit
+            self._digit = min(self._digit, digit)
         self._check_residual(_RESIDUAL if self._direct else max(_RESIDUAL, within))
         return np.array(self._x.array)
 
@@ -249,10 +266,10 @@ def _make_solver(K: PETSc.Mat, prefix: str, *, direct: bool, pivots: bool) -> PE
     ksp = PETSc.KSP().create(K.comm)
     ksp.setOptionsPrefix(prefix)
     ksp.setOperators(K)
-    ksp.setErrorIfNotConverged(True)
     ksp.setTolerances(rtol=1e-10, max_it=1000)  # of an iterative solver, ours or one asked for by options
     pc = ksp.getPC()
     package = next((name for name in ("mumps", "superlu_dist") if PETSc.Sys.hasExternalPackage(name)), None)
+    ksp.setErrorIfNotConverged(direct)  # iterations end by their reason: an error would leave the vectors locked
     options, weak = PETSc.Options(prefix), "pc_gamg_threshold"
     if direct and (package or K.comm.size == 1):
         ksp.setType("preonly")
