@@ -9,7 +9,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from tsg_micro.data.figure_style import STYLE, new_figure
+from tsg_micro.data.figure_style import STYLE, new_figure, plain_log
 
 __all__ = ["plot_scale"]
 
@@ -48,6 +48,8 @@ def plot_scale(rows: Sequence[Mapping[str, Any]], phases: Sequence[str]) -> Figu
                     markersize=3,
                     label=f"{method}, {count} rank{'s' * (count > 1)}",
                 )
+            plain_log(axes.xaxis)
+            plain_log(axes.yaxis)
             axes.set_xlabel("elements")
             axes.set_ylabel(label)
         grid[0].legend(fontsize=8)
