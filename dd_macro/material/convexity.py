@@ -12,7 +12,6 @@ import dataclasses
 
 import numpy as np
 import scipy.linalg
-import scipy.optimize
 from numpy.typing import NDArray
 
 from dd_macro.material.laws import PolynomialEnergy, monomial_derivatives, monomials
@@ -82,6 +81,8 @@ def least_squares_above(A: Array, start: Array, rows: Array, least: float) -> Ar
     Raises:
         ConvergenceError: non-negative least squares failed.
     """
+    from scipy.optimize import nnls  # start-up need not wait for what fits alone need
+
     missing = least - rows @ start
     if not (missing > 0).any():
         return start
@@ -97,7 +98,7 @@ def least_squares_above(A: Array, start: Array, rows: Array, least: float) -> Ar
     target = np.zeros(len(E))
     target[-1] = 1.0
     try:
-        multipliers, _ = scipy.optimize.nnls(E, target, maxiter=30 * E.shape[1])
+        multipliers, _ = nnls(E, target, maxiter=30 * E.shape[1])
     except RuntimeError as error:
         raise ConvergenceError(f"convex fit: non-negative least squares stopped ({error})") from None
     r = E @ multipliers - target

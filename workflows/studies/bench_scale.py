@@ -8,10 +8,7 @@ solves, RVEs and the rest.
 
 from __future__ import annotations
 
-import resource
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,9 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tsg_micro.data.errors import ConvergenceError, InputError
+from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import atomic_path, output_folder
 from workflows.store.record import read_summary, write_summary, write_table
+from workflows.studies.run_tsgdd import run_tsgdd
 
 __all__ = ["METHODS", "PHASES", "SIZES", "Timed", "scale"]
 
@@ -63,7 +61,6 @@ SIZES = (15, 30, 60, 120)
 """Elements across the height."""
 PHASES = ("seconds_setup", "seconds_search", "seconds_linear_solves", "seconds_rve", "seconds_rest")
 _FITTED = ("seconds", "peak_memory", "iterations")
-_START = "from workflows.cli import main; main()"
 
 
 def scale(
@@ -94,7 +91,7 @@ def scale(
     if max(ranks) > 1 and shutil.which("mpiexec") is None:
         raise InputError("ranks: expected 1 where there is no mpiexec, got more")
     data = output_folder(out) / "data.h5"
-    _run(["sample", "--load", "inplane", "--paths", paths, "--no-plots", "--out", data], 1, None)
+    run_tsgdd(["sample", "--load", "inplane", "--paths", paths, "--no-plots", "--out", data])
     rows: list[dict[str, Any]] = []
     for name in methods:
         method = METHODS[name]
@@ -102,7 +99,7 @@ def scale(
             for size in (n for n in sorted(sizes) if n <= method.largest):
                 target = out / f"{name}-{size}-{count}{'.h5' * (method.command == 'sample')}".replace(" ", "-")
                 arguments = (*method.options, *method.sized(size, data), "--no-plots", "--out", target)
-                cpu = _run([method.command, *arguments], count, seconds)
+                cpu = run_tsgdd([method.command, *arguments], ranks=count, seconds=seconds)
                 if cpu is None:
                     say(f"{name}, {count} ranks, {size}: more than {seconds:g} s")
                     break
@@ -123,29 +120,6 @@ def scale(
 
         save_figure(plot_scale(rows, PHASES), out / "scale.png")
     return summary
-
-
-def _run(arguments: Sequence[object], ranks: int, seconds: float | None) -> float | None:
-    """CPU time, in s, of ``tsgdd`` with these arguments on a number of ranks; None where it did not end in time.
-
-    Raises:
-        ConvergenceError: it failed.
-    """
-    start = [] if ranks == 1 else ["mpiexec", "-n", str(ranks)]
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    try:
-        done = subprocess.run(
-            [*start, sys.executable, "-c", _START, *map(str, arguments)],
-            capture_output=True,
-            text=True,
-            timeout=seconds,
-        )
-    except subprocess.TimeoutExpired:
-        return None
-    if done.returncode != 0:
-        raise ConvergenceError(f"tsgdd {arguments[0]}: {(done.stderr.strip() or 'failed').splitlines()[-1]}")
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def _row(method: str, size: int, ranks: int, cpu: float, found: dict[str, Any]) -> dict[str, Any]:
