@@ -110,7 +110,7 @@ def test_a_killed_run_goes_on_to_the_same_answer(file, shear, program, tsgdd, re
     assert summary["step_negative_pivots"] == [0, 0, 0]
     assert summary["compressed_tendons"] == whole["compressed_tendons"]
     assert seconds_before < sum(summary["step_seconds"]) + 1e-9
-    assert sum(summary["step_seconds"]) < summary["seconds"] < 60
+    assert 0 < sum(summary["step_seconds"]) < summary["seconds"]
     same_blocks(tmp_path, out)
     assert not list(tmp_path.glob("*checkpoint*")) + list(tmp_path.glob(".checkpoint*"))
 

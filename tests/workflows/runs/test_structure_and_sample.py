@@ -76,7 +76,7 @@ def test_sample_summary_figure_and_append(tsgdd, read_summary, is_png, tmp_path)
     assert tsgdd(*few).code == 0
     first, summary = read_dataset(out), read_summary(out)
     assert (summary["points"], summary["paths"], summary["failed_paths"]) == (6, 3, 0)
-    assert 0 < summary["seconds"] < 60
+    assert summary["seconds"] > 0
     assert summary["units"]["seconds"] == "s"
     assert is_png(tmp_path / "d.png")
     assert RVESpec.of(first) == (RVESpec(),)
