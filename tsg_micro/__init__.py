@@ -32,15 +32,8 @@ from tsg_micro.continuum.rve_law import RVELaw
 from tsg_micro.continuum.rve_source import RVESource
 from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.continuum.sampling import BOXES, StrainBox, join_paths, sample_paths, strain_path
-from tsg_micro.data.dataset import (
-    Dataset,
-    append_dataset,
-    convert_dataset,
-    join_datasets,
-    read_dataset,
-    take,
-    write_dataset,
-)
+from tsg_micro.data.dataset import Dataset, convert_dataset, join_datasets, take
+from tsg_micro.data.dataset_file import append_dataset, read_dataset, write_dataset
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.mandel import from_mandel, pressure, to_mandel, von_mises
 from tsg_micro.data.version import VERSION as __version__

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import pytest
 
-from tsg_micro.data.dataset import read_dataset, write_dataset
+from tsg_micro.data.dataset_file import read_dataset, write_dataset
 
 
 class Done(NamedTuple):

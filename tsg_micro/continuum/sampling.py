@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from tsg_micro.continuum.rve import RVE
 from tsg_micro.continuum.warm_rve import WarmRVE
 from tsg_micro.continuum.warm_states import WarmStates
-from tsg_micro.data.dataset import Dataset, zero_components
+from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.mandel import COMPONENTS, to_mandel
+from tsg_micro.data.silent import zero_components
 
 __all__ = [
     "BOXES",

@@ -1,43 +1,23 @@
-"""The material data set: pairs of strain and stress with all that is needed to trust and reuse them.
-
-One HDF5 schema (version 1). Root attributes: ``format`` = "tsgdd-dataset", ``schema``, ``stress_measure``,
-``seed``, ``parameters`` and ``versions`` (JSON). Arrays as :class:`Dataset` has them, each with an attribute ``unit``.
-The attribute ``silent`` (JSON, none if it is not there) names strain components that the data say nothing about.
-"""
+"""The material data set: pairs of strain and stress with all that is needed to trust and reuse them."""
 
 from __future__ import annotations
 
 import dataclasses
-import json
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from tsg_micro.data.display import Displayed, ranges
 from tsg_micro.data.errors import InputError
-from tsg_micro.data.files import locked
-from tsg_micro.data.hdf5 import open_hdf5, read_array, text, write_hdf5
 from tsg_micro.data.mandel import COMPONENTS
-from tsg_micro.data.silent import check_silent, zero_components
+from tsg_micro.data.silent import check_silent
 from tsg_micro.data.stress import check_measure, convert_stress, convert_tangent
 
-__all__ = [
-    "Dataset",
-    "append_dataset",
-    "convert_dataset",
-    "join_datasets",
-    "read_dataset",
-    "take",
-    "write_dataset",
-    "zero_components",
-]
+__all__ = ["REQUIRED", "UNITS", "Dataset", "convert_dataset", "join_datasets", "take"]
 
 Array = NDArray[np.float64]
-FORMAT, SCHEMA = "tsgdd-dataset", 1
 UNITS = {
     "strain": "1",
     "stress": "Pa",
@@ -68,9 +48,8 @@ _SHAPES: dict[str, tuple[int, ...]] = {
     "bar_force_rate": (6,),
     "source": (),
 }
-_REQUIRED = ("strain", "stress", "path", "step")
+REQUIRED = ("strain", "stress", "path", "step")
 _LARGEST = 1e60  # products of a few of them are still numbers
-_WHOLE = ("path", "step", "source")
 
 
 @dataclass(frozen=True, repr=False)
@@ -172,7 +151,7 @@ class Dataset(Displayed):
 
     def _display(self) -> tuple[str, dict[str, object]]:
         measure, paths = self.stress_measure.replace("_", " "), len(np.unique(self.path))
-        more = [name for name in self.arrays() if name not in (*_REQUIRED, "source")]
+        more = [name for name in self.arrays() if name not in (*REQUIRED, "source")]
         made = [f"{name} {value}" for name, value in self.sources[0].items() if isinstance(value, str | int | float)]
         return f"Dataset: {len(self)} points on {paths} paths, {measure} stress", {
             "strain / %": ranges(100.0 * self.strain),
@@ -195,80 +174,6 @@ class Dataset(Displayed):
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The arrays that are there, by name."""
         return {name: getattr(self, name) for name in UNITS if getattr(self, name) is not None}
-
-
-def write_dataset(path: str | Path, dataset: Dataset) -> None:
-    """Write ``dataset`` to the HDF5 file ``path``, whole or not at all, with a digest of its content.
-
-    Raises:
-        InputError: the folder does not exist or cannot be written; an OutputError, one of these, if the disk is full.
-
-    Example:
-        >>> strain = 0.01 * np.eye(6)
-        >>> number = np.arange(6)
-        >>> tsg.write_dataset("data.h5", tsg.Dataset(strain, 1e3 * strain, "cauchy", path=number, step=0 * number))
-        >>> tsg.read_dataset("data.h5").stress_measure
-        'cauchy'
-    """
-
-    def fill(file: h5py.File) -> None:
-        file.attrs["format"] = FORMAT
-        file.attrs["schema"] = SCHEMA
-        file.attrs["stress_measure"] = dataset.stress_measure
-        file.attrs["parameters"] = json.dumps(dataset.parameters)
-        file.attrs["versions"] = json.dumps(dataset.versions)
-        if dataset.silent:
-            file.attrs["silent"] = json.dumps(dataset.silent)
-        if dataset.seed is not None:
-            file.attrs["seed"] = dataset.seed
-        for name, array in dataset.arrays().items():
-            file.create_dataset(name, data=array).attrs["unit"] = UNITS[name]
-
-    write_hdf5(path, fill)
-
-
-def read_dataset(path: str | Path) -> Dataset:
-    """Read and validate a data set.
-
-    Raises:
-        InputError: the file is missing, not HDF5, locked, damaged, of another format or schema, in other units, or
-            incomplete.
-    """
-    with open_hdf5(path, "data set", list(UNITS)) as file:
-        return _parse(file)
-
-
-def _parse(file: h5py.File) -> Dataset:
-    """The data set in an open file; any error of h5py, NumPy or JSON means that it is damaged."""
-    attributes = {name: text(value) for name, value in file.attrs.items()}
-    if attributes.get("format") != FORMAT:
-        raise InputError(f"expected the HDF5 attribute format={FORMAT!r}, got {attributes.get('format')!r}")
-    if attributes.get("schema") != SCHEMA:
-        raise InputError(f"expected schema {SCHEMA}, got {attributes.get('schema')}")
-    missing = [name for name in _REQUIRED if name not in file]
-    if missing:
-        raise InputError(f"expected the arrays {', '.join(_REQUIRED)}, {missing[0]} is missing")
-    arrays = {name: read_array(file, name, unit) for name, unit in UNITS.items() if name in file}
-    for name in (name for name in _WHOLE if name in arrays):
-        arrays[name] = _counts(name, arrays[name])
-    seed = attributes.get("seed")
-    return Dataset(
-        **arrays,
-        stress_measure=str(attributes.get("stress_measure")),
-        parameters=json.loads(attributes.get("parameters", "{}")),
-        versions=json.loads(attributes.get("versions", "{}")),
-        silent=tuple(json.loads(attributes.get("silent", "[]"))),
-        seed=None if seed is None else int(seed),
-    )
-
-
-def _counts(name: str, values: NDArray[Any]) -> NDArray[np.int64]:
-    """Whole numbers, which other programs store as floating-point ones."""
-    if values.dtype.kind in "iu":
-        return values
-    if values.dtype.kind != "f" or not (np.abs(values) < 2**53).all() or (values != np.floor(values)).any():
-        raise InputError(f"{name}: expected whole numbers, got {values.dtype} with others")
-    return values.astype(np.int64)
 
 
 def take(dataset: Dataset, index: NDArray[Any]) -> Dataset:
@@ -315,21 +220,6 @@ def _with_source(dataset: Dataset) -> dict[str, NDArray[Any]]:
     if "source" not in arrays and len(dataset.sources) == 1:
         arrays["source"] = np.zeros(len(dataset), dtype=np.int64)
     return arrays
-
-
-def append_dataset(path: str | Path, dataset: Dataset) -> Dataset:
-    """Add ``dataset`` to the file ``path``, or make it, and return all it holds now; it changes whole or not at all.
-
-    Processes that append to one file take turns (tsg_micro.data.files.locked).
-
-    Raises:
-        InputError: as :func:`read_dataset` and :func:`write_dataset`, or the file holds another stress measure.
-    """
-    path = Path(path)
-    with locked(path):
-        stored = join_datasets(read_dataset(path), dataset) if path.exists() else dataset
-        write_dataset(path, stored)
-    return stored
 
 
 def convert_dataset(dataset: Dataset, measure: str) -> Dataset:

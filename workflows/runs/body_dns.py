@@ -25,7 +25,7 @@ from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.homogenise import BlockFields, block_fields
 from tsg_micro.continuum.radial_profiles import ball_radius, block_radius, radial_profile, radial_stress, shell_count
 from tsg_micro.continuum.response import compressed_tendons
-from tsg_micro.data.dataset import write_dataset
+from tsg_micro.data.dataset_file import write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from tsg_micro.data.mandel import pressure, to_mandel, von_mises

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from dd_macro.results.compare import BlockStress, match_blocks
 from dd_macro.results.quadrature_file import QuadratureFields, read_quadrature
 from tsg_micro.cells.unit_cell import BAR
-from tsg_micro.data.dataset import convert_dataset, read_dataset
+from tsg_micro.data.dataset import convert_dataset
+from tsg_micro.data.dataset_file import read_dataset
 from tsg_micro.data.figure_style import FIELD, MICRO, STYLE, colour_bar, draw_field, limits, new_figure
 from tsg_micro.data.mandel import pressure
 from tsg_micro.figures.sheet import force_scale

@@ -20,7 +20,8 @@ from tsg_micro.bodies.sheet_means import block_data, block_displacement, row_bal
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.homogenise import BlockFields, block_fields
 from tsg_micro.continuum.response import compressed_tendons
-from tsg_micro.data.dataset import Dataset, write_dataset
+from tsg_micro.data.dataset import Dataset
+from tsg_micro.data.dataset_file import write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from tsg_micro.data.mandel import pressure, von_mises

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsg_micro.data.dataset import write_dataset
+from tsg_micro.data.dataset_file import write_dataset
 from tsg_micro.data.files import output_file
 from tsg_micro.data.mandel import pressure, von_mises
 from tsg_micro.data.measured import parse_columns, read_csv

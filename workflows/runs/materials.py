@@ -17,7 +17,8 @@ from tsg_micro.continuum.graded_source import GradedSource
 from tsg_micro.continuum.rve_law import FOLLOW, RVELaw
 from tsg_micro.continuum.rve_source import RVESource
 from tsg_micro.continuum.rve_spec import RVESpec
-from tsg_micro.data.dataset import Dataset, read_dataset
+from tsg_micro.data.dataset import Dataset
+from tsg_micro.data.dataset_file import read_dataset
 from tsg_micro.data.errors import InputError
 from workflows.runs.adaptation import rve_of
 from workflows.runs.edges import data_of, in_parts, inside_of, sampled_places

@@ -24,7 +24,8 @@ from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.rve import RVE
 from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.continuum.sampling import BOXES, PathData, StrainBox, join_paths, sample_paths
-from tsg_micro.data.dataset import Dataset, append_dataset, convert_dataset, read_dataset, write_dataset
+from tsg_micro.data.dataset import Dataset, convert_dataset
+from tsg_micro.data.dataset_file import append_dataset, read_dataset, write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import locked, output_file
 from tsg_micro.data.stress import check_measure

@@ -13,7 +13,7 @@ from dd_macro.parallel import span, together
 from tsg_micro.continuum.graded_source import GradedSource
 from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.continuum.sampling import BOXES, strain_path
-from tsg_micro.data.dataset import write_dataset
+from tsg_micro.data.dataset_file import write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_file
 from workflows.runs.sample import Plan, sample

@@ -15,7 +15,8 @@ import dd_macro as dd
 from dd_macro.parallel import span
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.rve_spec import KINDS, RVESpec
-from tsg_micro.data.dataset import Dataset, read_dataset
+from tsg_micro.data.dataset import Dataset
+from tsg_micro.data.dataset_file import read_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import from_mandel
 from workflows.runs.loads import LOADS, check_load, check_reach

@@ -11,7 +11,8 @@ import dd_macro as dd
 from dd_macro.methods.projection import MechanicalState
 from dd_macro.parallel import together
 from dd_macro.results.state_file import read_state, write_state
-from tsg_micro.data.dataset import Dataset, read_dataset, write_dataset
+from tsg_micro.data.dataset import Dataset
+from tsg_micro.data.dataset_file import read_dataset, write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import atomic_path, check_regular
 

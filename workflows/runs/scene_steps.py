@@ -17,7 +17,8 @@ from dd_macro.methods.projection import MechanicalState
 from dd_macro.parallel import together
 from dd_macro.results.sides import side_displacement, volume_change
 from dd_macro.results.vtkhdf import write_cells
-from tsg_micro.data.dataset import Dataset, write_dataset
+from tsg_micro.data.dataset import Dataset
+from tsg_micro.data.dataset_file import write_dataset
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.files import atomic_path
 from workflows.runs.edges import in_parts

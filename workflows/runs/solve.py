@@ -15,7 +15,8 @@ from dd_macro.methods.metric_choice import check_metric
 from dd_macro.parallel import together
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.rve_spec import RVESpec
-from tsg_micro.data.dataset import Dataset, read_dataset, write_dataset
+from tsg_micro.data.dataset import Dataset
+from tsg_micro.data.dataset_file import read_dataset, write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from workflows.runs.adaptation import rve_of, source_for

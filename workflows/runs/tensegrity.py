@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 import dd_macro as dd
-from tsg_micro.data.dataset import Dataset, convert_dataset, read_dataset
+from tsg_micro.data.dataset import Dataset, convert_dataset
+from tsg_micro.data.dataset_file import read_dataset
 from tsg_micro.data.errors import InputError
 from workflows.store.record import read_summary
 

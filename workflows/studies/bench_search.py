@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from tsg_micro.data.dataset import Dataset, read_dataset, write_dataset
+from tsg_micro.data.dataset import Dataset
+from tsg_micro.data.dataset_file import read_dataset, write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from workflows.store.limits import check_memory

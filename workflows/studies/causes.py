@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import dd_macro as dd
-from tsg_micro.data.dataset import Dataset, convert_dataset, read_dataset
+from tsg_micro.data.dataset import Dataset, convert_dataset
+from tsg_micro.data.dataset_file import read_dataset
 from tsg_micro.data.errors import ConvergenceError
 from tsg_micro.data.files import output_folder
 from workflows.runs.loads import LOADS

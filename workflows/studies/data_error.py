@@ -16,7 +16,8 @@ import numpy as np
 
 import dd_macro as dd
 from tsg_micro.cells.tissue import Tissue
-from tsg_micro.data.dataset import Dataset, read_dataset, take, write_dataset
+from tsg_micro.data.dataset import Dataset, take
+from tsg_micro.data.dataset_file import read_dataset, write_dataset
 from tsg_micro.data.errors import ConvergenceError, InputError
 from tsg_micro.data.files import output_folder
 from workflows.runs.fe2 import MEASURE

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.sampling import BOXES
-from tsg_micro.data.dataset import Dataset, convert_dataset, read_dataset
+from tsg_micro.data.dataset import Dataset, convert_dataset
+from tsg_micro.data.dataset_file import read_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from tsg_micro.data.mandel import COMPONENTS, pressure, von_mises

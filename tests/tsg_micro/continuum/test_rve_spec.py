@@ -13,7 +13,8 @@ from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.rve import build_rve
 from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.continuum.sampling import BOXES, join_paths, sample_paths
-from tsg_micro.data.dataset import append_dataset, join_datasets, read_dataset, write_dataset
+from tsg_micro.data.dataset import join_datasets
+from tsg_micro.data.dataset_file import append_dataset, read_dataset, write_dataset
 from tsg_micro.data.errors import InputError
 
 CELL = CellParameters(half_diagonal=0.4, E_tendon=8e6, height=12e-6)

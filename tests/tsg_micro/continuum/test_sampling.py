@@ -12,9 +12,9 @@ from scipy import stats
 
 from tsg_micro.continuum.rve import build_rve
 from tsg_micro.continuum.sampling import BOXES, StrainBox, join_paths, sample_paths, strain_path
-from tsg_micro.data.dataset import zero_components
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import COMPONENTS, from_mandel, to_mandel
+from tsg_micro.data.silent import zero_components
 from tsg_micro.equilibrium.newton import NewtonOptions
 
 SEED = 20

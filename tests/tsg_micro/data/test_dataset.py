@@ -10,15 +10,8 @@ import pytest
 
 from tsg_micro.continuum.rve import build_rve
 from tsg_micro.continuum.sampling import BOXES, join_paths, sample_paths
-from tsg_micro.data.dataset import (
-    Dataset,
-    append_dataset,
-    convert_dataset,
-    join_datasets,
-    read_dataset,
-    take,
-    write_dataset,
-)
+from tsg_micro.data.dataset import Dataset, convert_dataset, join_datasets, take
+from tsg_micro.data.dataset_file import append_dataset, read_dataset, write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import atomic_path, output_folder
 from tsg_micro.data.stress import MEASURES

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsg_micro.data.dataset import Dataset, append_dataset, read_dataset, write_dataset
+from tsg_micro.data.dataset import Dataset
+from tsg_micro.data.dataset_file import append_dataset, read_dataset, write_dataset
 from tsg_micro.data.errors import OutputError
 from tsg_micro.data.files import atomic_path, locked, output_folder
 
@@ -36,7 +37,8 @@ def in_process(script, *arguments, **options):
 FULL = """
 import resource, signal, sys
 import numpy as np
-from tsg_micro.data.dataset import Dataset, write_dataset
+from tsg_micro.data.dataset import Dataset
+from tsg_micro.data.dataset_file import write_dataset
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]),) * 2)
 n = 2000
@@ -102,7 +104,7 @@ def test_several_writers_at_once_lose_nothing(tmp_path):
 import sys
 sys.path.insert(0, sys.argv[3])
 from test_files import numbered
-from tsg_micro.data.dataset import append_dataset
+from tsg_micro.data.dataset_file import append_dataset
 for i in range(4):
     append_dataset(sys.argv[1], numbered(4 * int(sys.argv[2]) + i))
 """

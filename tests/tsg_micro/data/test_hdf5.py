@@ -14,7 +14,8 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 
-from tsg_micro.data.dataset import Dataset, read_dataset, write_dataset
+from tsg_micro.data.dataset import Dataset
+from tsg_micro.data.dataset_file import read_dataset, write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.hdf5 import open_hdf5, read_array, text
 

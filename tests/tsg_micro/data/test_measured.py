@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsg_micro.data.dataset import read_dataset
+from tsg_micro.data.dataset_file import read_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import COMPONENTS, from_mandel, to_mandel
 from tsg_micro.data.measured import STRAIN_UNITS, STRESS_UNITS, Column, parse_columns, read_csv

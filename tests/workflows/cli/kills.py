@@ -24,7 +24,7 @@ from pathlib import Path
 import h5py
 
 from dd_macro import read_quadrature
-from tsg_micro.data.dataset import read_dataset
+from tsg_micro.data.dataset_file import read_dataset
 from tsg_micro.data.errors import InputError
 
 DATA = Path(__file__).parents[2] / "data" / "cases" / "hdf5" / "stretch_data.h5"

@@ -12,7 +12,7 @@ import h5py
 import pytest
 
 from dd_macro import read_quadrature
-from tsg_micro.data.dataset import read_dataset
+from tsg_micro.data.dataset_file import read_dataset
 from tsg_micro.data.errors import InputError
 
 CASES = Path(__file__).parents[2] / "data" / "cases"

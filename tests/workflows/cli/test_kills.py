@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsg_micro.data.dataset import read_dataset
+from tsg_micro.data.dataset_file import read_dataset
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from tsg_micro.cells.parameters import CellParameters
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.cells.tissue_file import read_tissue, write_tissue
 from tsg_micro.continuum.rve_spec import RVESpec
-from tsg_micro.data.dataset import read_dataset
+from tsg_micro.data.dataset_file import read_dataset
 from workflows.cli.studies import find_studies
 from workflows.runs.options import CellOptions, Group, TissueOptions, grouped
 from workflows.runs.sample import sample

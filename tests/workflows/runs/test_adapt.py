@@ -17,7 +17,8 @@ from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.rve import build_rve
 from tsg_micro.continuum.rve_source import RVESource
 from tsg_micro.continuum.rve_spec import RVESpec
-from tsg_micro.data.dataset import read_dataset, take, write_dataset
+from tsg_micro.data.dataset import take
+from tsg_micro.data.dataset_file import read_dataset, write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import to_mandel
 from workflows.runs.fe2 import fe2

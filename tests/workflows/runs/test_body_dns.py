@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 import dd_macro as dd
 from tsg_micro.cells.tissue import Tissue
-from tsg_micro.data.dataset import read_dataset
+from tsg_micro.data.dataset_file import read_dataset
 from tsg_micro.data.errors import InputError
 from workflows.runs.body_dns import body_dns
 from workflows.runs.voxel_scene import scene_loads, voxel_scene

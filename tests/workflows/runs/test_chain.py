@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dd_macro.results.quadrature_file import read_quadrature
-from tsg_micro.data.dataset import read_dataset
+from tsg_micro.data.dataset_file import read_dataset
 from tsg_micro.data.mandel import pressure, von_mises
 from workflows.runs.rest import with_rest
 

@@ -13,7 +13,8 @@ from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.rve_law import RVELaw
 from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.continuum.sampling import BOXES, join_paths, sample_paths
-from tsg_micro.data.dataset import Dataset, read_dataset, write_dataset
+from tsg_micro.data.dataset import Dataset
+from tsg_micro.data.dataset_file import read_dataset, write_dataset
 from workflows.runs.cautions import body_cautions, scatter_caution
 from workflows.runs.checks import estimate_error
 from workflows.runs.rest import with_rest

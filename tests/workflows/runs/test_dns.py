@@ -16,7 +16,7 @@ import pytest
 
 from tsg_micro.bodies.sheet import Sheet, memory_needed
 from tsg_micro.cells.tissue import Tissue
-from tsg_micro.data.dataset import read_dataset
+from tsg_micro.data.dataset_file import read_dataset
 from workflows.runs.dns import dns
 
 SCENE: dict[str, Any] = {

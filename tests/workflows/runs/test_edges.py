@@ -11,7 +11,7 @@ from mpi4py import MPI
 import dd_macro as dd
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.rve_spec import RVESpec
-from tsg_micro.data.dataset import read_dataset
+from tsg_micro.data.dataset_file import read_dataset
 from workflows.runs.edges import data_of, inside_of
 from workflows.runs.fe2 import fe2
 from workflows.runs.scene import Scene

@@ -12,7 +12,8 @@ from mpi4py import MPI
 import dd_macro as dd
 from dd_macro.results.compare_bodies import block_means, inner_blocks
 from tsg_micro.cells.tissue import Tissue
-from tsg_micro.data.dataset import Dataset, take, write_dataset
+from tsg_micro.data.dataset import Dataset, take
+from tsg_micro.data.dataset_file import write_dataset
 from tsg_micro.data.errors import InputError
 from workflows.runs.scene import ELEMENTS, Scene
 

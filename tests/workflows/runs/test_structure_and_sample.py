@@ -15,7 +15,7 @@ import pytest
 
 from tsg_micro.cells.unit_cell import KINDS
 from tsg_micro.continuum.rve_spec import RVESpec
-from tsg_micro.data.dataset import read_dataset
+from tsg_micro.data.dataset_file import read_dataset
 from tsg_micro.data.mandel import from_mandel, to_mandel
 
 SMALL = ("--load", "inplane", "--paths", 6, "--steps", 2, "--no-plots")

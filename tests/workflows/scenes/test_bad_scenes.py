@@ -12,7 +12,7 @@ import meshes
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.rve_source import RVESource
 from tsg_micro.continuum.rve_spec import RVESpec
-from tsg_micro.data.dataset import write_dataset
+from tsg_micro.data.dataset_file import write_dataset
 
 SCENE = """
 [body]

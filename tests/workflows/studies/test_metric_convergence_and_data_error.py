@@ -13,7 +13,8 @@ import dd_macro as dd
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.rve_law import RVELaw
 from tsg_micro.continuum.rve_spec import RVESpec
-from tsg_micro.data.dataset import convert_dataset, read_dataset, take, write_dataset
+from tsg_micro.data.dataset import convert_dataset, take
+from tsg_micro.data.dataset_file import read_dataset, write_dataset
 from tsg_micro.data.errors import ConvergenceError, InputError
 from workflows.runs.scene import Scene
 from workflows.runs.tensegrity import read_blocks, solution_errors

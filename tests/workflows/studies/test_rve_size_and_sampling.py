@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tsg_micro.continuum.long_waves import COMPRESSED, negative_pivots_repeated, tensor_strain
 from tsg_micro.continuum.rve import build_rve
 from tsg_micro.continuum.sampling import BOXES, strain_path
-from tsg_micro.data.dataset import read_dataset, write_dataset
+from tsg_micro.data.dataset_file import read_dataset, write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import to_mandel
 from workflows.studies.coverage import box_coverage, box_strain
