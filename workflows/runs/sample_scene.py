@@ -16,7 +16,8 @@ from tsg_micro.continuum.sampling import BOXES, strain_path
 from tsg_micro.data.dataset_file import write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_file
-from workflows.runs.sample import Plan, sample
+from workflows.runs.sample import sample
+from workflows.runs.sample_plan import Plan
 from workflows.scenes.model import SceneModel
 from workflows.scenes.scene import Built, build
 from workflows.store.record import drop_summary, versions, write_summary

@@ -22,7 +22,8 @@ from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from tsg_micro.data.mandel import COMPONENTS, pressure, von_mises
 from workflows.runs.loads import LOADS
-from workflows.runs.sample import Plan, sample
+from workflows.runs.sample import sample
+from workflows.runs.sample_plan import Plan
 from workflows.store.record import peak_memory, read_summary, write_summary
 from workflows.studies.coverage import FEWEST, box_coverage, box_strain, visited_states
 

@@ -48,16 +48,16 @@ def test_the_script_sees_faults(kills, importing, tmp_path):
 
 @pytest.mark.parametrize("append", [False, True])
 def test_sampling_goes_on_where_it_was_cut(tsgdd, tmp_path, monkeypatch, append):
-    import workflows.runs.sample as sample_module
     import workflows.runs.sample_kept as kept
-    from workflows.runs.sample import Plan
+    import workflows.runs.sample_plan as plan_module
+    from workflows.runs.sample_plan import Plan
 
     more = ("--append",) if append else ()
     sample = ("sample", "--paths", 5, "--steps", 2, "--processes", 1, "--no-plots", "--seed", 4, *more)
     assert tsgdd(*sample, "--out", tmp_path / "whole.h5").code == 0
     monkeypatch.setattr(kept, "_EVERY", 0.0)
     monkeypatch.setattr(kept, "_SHARE", 1e9)
-    monkeypatch.setattr(sample_module, "_TOGETHER", 2)
+    monkeypatch.setattr(plan_module, "_TOGETHER", 2)
     run, followed = Plan.run, []
 
     def cut(plan, rve, paths, progress=None):
