@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
-from workflows.runs.options import CellOptions, Out, Plots, TableOptions, TissueOptions, grouped, report, say
+from workflows.runs.option_groups import CellOptions, TableOptions, TissueOptions, grouped
+from workflows.runs.options import Out, Plots
+from workflows.runs.printing import report, say
 from workflows.runs.ranks import check_alone
 
 __all__ = ["bodies"]

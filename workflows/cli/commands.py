@@ -16,6 +16,7 @@ from workflows.cli import macroscale as cli_macroscale
 from workflows.cli import meshes as cli_meshes
 from workflows.cli import results as cli_results
 from workflows.cli import studies as cli_study
+from workflows.runs.option_groups import TableOptions, TissueOptions, grouped
 from workflows.runs.options import (
     Box,
     HowLoaded,
@@ -30,13 +31,8 @@ from workflows.runs.options import (
     Plots,
     SceneFile,
     Strain,
-    TableOptions,
-    TissueOptions,
-    grouped,
-    report,
-    report_sides,
-    say,
 )
+from workflows.runs.printing import report, report_sides, say
 from workflows.runs.ranks import check_alone, leave, under_mpirun
 
 __all__ = ["app", "main"]

@@ -8,19 +8,9 @@ from typing import Annotated
 
 import typer
 
-from workflows.runs.options import (
-    Measure,
-    Out,
-    Plots,
-    SceneFile,
-    SceneOptions,
-    TissueOptions,
-    WantedTissueOptions,
-    grouped,
-    report,
-    report_sides,
-    say,
-)
+from workflows.runs.option_groups import SceneOptions, TissueOptions, WantedTissueOptions, grouped
+from workflows.runs.options import Measure, Out, Plots, SceneFile
+from workflows.runs.printing import report, report_sides, say
 from workflows.runs.ranks import check_alone
 
 __all__ = ["macroscale"]

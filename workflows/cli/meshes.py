@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from workflows.runs.options import Plots, out_option, report, say
+from workflows.runs.options import Plots, out_option
+from workflows.runs.printing import report, say
 from workflows.runs.ranks import check_alone
 
 __all__ = ["mesh"]

@@ -9,7 +9,9 @@ from typing import Annotated
 
 import typer
 
-from workflows.runs.options import grouped, out_option, say
+from workflows.runs.option_groups import grouped
+from workflows.runs.options import out_option
+from workflows.runs.printing import say
 from workflows.runs.ranks import check_alone
 from workflows.studies import commands
 from workflows.studies.options import ChainOptions

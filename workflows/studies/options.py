@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from workflows.runs.options import BarForce, Group, HowLoaded, Load, OutOrDefault, Plots, Strain, say
+from workflows.runs.option_groups import Group
+from workflows.runs.options import BarForce, HowLoaded, Load, OutOrDefault, Plots, Strain
+from workflows.runs.printing import say
 
 if TYPE_CHECKING:
     from workflows.studies.one_load import Study

@@ -18,7 +18,7 @@ from tsg_micro.cells.tissue_file import read_tissue, write_tissue
 from tsg_micro.continuum.rve_spec import RVESpec
 from tsg_micro.data.dataset_file import read_dataset
 from workflows.cli.studies import find_studies
-from workflows.runs.options import CellOptions, Group, TissueOptions, grouped
+from workflows.runs.option_groups import CellOptions, Group, TissueOptions, grouped
 from workflows.runs.sample import sample
 from workflows.studies import commands
 
@@ -70,7 +70,7 @@ def test_help_names_every_option_in_its_place():
 
 
 NEW_STUDY = """
-from workflows.runs.options import say
+from workflows.runs.printing import say
 from workflows.studies.options import ChainOptions
 
 

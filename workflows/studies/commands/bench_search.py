@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from workflows.runs.options import Out, Plots, say
+from workflows.runs.options import Out, Plots
+from workflows.runs.printing import say
 from workflows.runs.ranks import check_alone
 
 __all__ = ["command"]

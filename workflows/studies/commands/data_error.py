@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from workflows.runs.options import HowLoaded, Kinematics, KinematicsName, OutOrDefault, Plots, say
+from workflows.runs.options import HowLoaded, Kinematics, KinematicsName, OutOrDefault, Plots
+from workflows.runs.printing import say
 from workflows.runs.ranks import check_alone
 from workflows.studies.options import ChainOptions
 

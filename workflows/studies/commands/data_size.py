@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from workflows.runs.options import report, say
+from workflows.runs.printing import report, say
 from workflows.runs.ranks import check_alone
 from workflows.studies.options import ChainOptions, StudyOptions
 

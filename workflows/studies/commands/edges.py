@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
-from workflows.runs.options import HowLoaded, Load, Out, Plots, Strain, TissueOptions, say
+from workflows.runs.option_groups import TissueOptions
+from workflows.runs.options import HowLoaded, Load, Out, Plots, Strain
+from workflows.runs.printing import say
 from workflows.runs.ranks import check_alone
 
 __all__ = ["command"]

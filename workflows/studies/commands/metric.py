@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from workflows.runs.options import say
+from workflows.runs.printing import say
 from workflows.runs.ranks import check_alone
 from workflows.studies.options import ChainOptions, StudyOptions
 

@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
-from workflows.runs.options import Load, Out, Plots, TissueOptions, say
+from workflows.runs.option_groups import TissueOptions
+from workflows.runs.options import Load, Out, Plots
+from workflows.runs.printing import say
 from workflows.runs.ranks import check_alone
 from workflows.studies.options import Data, Paths, Seed, Steps
 
