@@ -66,15 +66,24 @@ class NewtonSolver:
             values[self.pattern.diagonal[held]] += 1e-8 * np.abs(values[self.pattern.diagonal]).mean(axis=0)
         return values
 
+    def factorise(self, values: Array) -> Factor:
+        """The factor of a nodal tangent with these values (nnz,); no earlier one holds any more.
+
+        Raises:
+            ConvergenceError: it has none.
+        """
+        self._older = None
+        self.factorisations += 1
+        return self.solver.factorise(values)
+
     def tangent(self, state: MemberState, *, shift: float = 0.0) -> Tangent:
         """Factor the tangent at ``state``, with ``shift`` added to its diagonal.
 
         Raises:
             ConvergenceError: it has no finite factor.
         """
-        values, self._older = self.matrix(state, shift=shift), None
-        factor = self.solver.factorise(values)
-        self.factorisations += 1
+        values = self.matrix(state, shift=shift)
+        factor = self.factorise(values)
         tangent = self._bordered(state, values, factor)
         if self.pattern.size >= _LARGE and tangent.negative_pivots == 0 and not shift:
             self._older = tangent

@@ -136,10 +136,9 @@ def solve_each(newton: NewtonSolver, members: MemberState, columns: Array) -> tu
     rows, solved, negative = np.ascontiguousarray(values.T), np.zeros(columns.shape), np.full(len(columns), -1)
     for k, row in enumerate(rows):
         try:
-            factor = newton.solver.factorise(row)
+            factor = newton.factorise(row)
             solved[k] = factor.solve(columns[k])
         except ConvergenceError:
             continue
         negative[k] = factor.negative_pivots
-    newton.factorisations += len(rows)
     return solved, values, negative
