@@ -73,7 +73,7 @@ def table(runs: Sequence[Path], out: Path | None = None) -> None:
 def rows_of(runs: Sequence[Path]) -> list[Plain]:
     """The runs in the order given: folder, command, the parameters that differ, and all figures that are one value.
 
-    A column of a figure is named "name / unit"; what a run does not have is empty.
+    A column of a figure is named "name / unit"; what a run does not have is empty. Text cannot steer a terminal.
 
     Raises:
         InputError: no runs, or a summary is not there or cannot be read.
@@ -90,11 +90,15 @@ def rows_of(runs: Sequence[Path]) -> list[Plain]:
         found.append({_column(name, units): value for name, value in figures.items() if not isinstance(value, list)})
     columns = _names(found)
     return [
-        {"run": str(run), "command": one["command"]}
-        | {name: values.get(name) for name in differing}
-        | {name: figures.get(name) for name in columns}
+        {"run": _safe(str(run)), "command": _safe(one["command"])}
+        | {_safe(name): _safe(values.get(name)) for name in differing}
+        | {_safe(name): _safe(figures.get(name)) for name in columns}
         for run, one, values, figures in zip(runs, summaries, asked, found, strict=True)
     ]
+
+
+def _safe(value: Any) -> Any:
+    return printable(value) if isinstance(value, str) else value
 
 
 def _names(rows: Sequence[Plain]) -> list[str]:

@@ -133,10 +133,10 @@ def read_summary(folder: Path, *commands: str) -> dict[str, Any]:
     expected = f"expected a {kind} made by {' or '.join(f"'tsgdd {command}'" for command in commands) or 'tsgdd'}"
     try:
         check_regular(path)
-        summary = json.loads(path.read_text())
+        summary = json.loads(path.read_text(), parse_int=_whole)
     except OSError:
         raise InputError(f"{folder}: {expected}, it has no {path.name}") from None
-    except (ValueError, RecursionError):  # not JSON, or not even text
+    except (ValueError, OverflowError, RecursionError):  # not JSON, not even text, or no number that a figure has
         raise InputError(f"{path}: expected JSON, it cannot be read as such") from None
     command = summary.get("command") if isinstance(summary, dict) else None
     ours = isinstance(command, str) and (not commands or command in commands)
@@ -144,6 +144,11 @@ def read_summary(folder: Path, *commands: str) -> dict[str, Any]:
         raise InputError(f"{folder}: {expected}, its {path.name} is another's")
     summary["parameters"] = _Summary(summary["parameters"], path)
     return _Summary(summary, path)
+
+
+def _whole(digits: str) -> int:
+    float(int(digits))  # OverflowError where there are too many
+    return int(digits)
 
 
 def number(summary: Mapping[str, Any], name: str) -> float:

@@ -58,11 +58,20 @@ def test_a_summary_is_printed_with_units(tmp_path, tsgdd):
     assert "scene.load.1.traction" not in lines
 
 
+def test_a_table_does_not_steer_the_terminal(tmp_path, tsgdd):
+    run = made(tmp_path / "run", 0.05, 0.031, **{"re\x1b[2Json": ("\x1b[31mred \ud800", "")})
+    done = tsgdd("table", run)
+    assert done.code == 0, done
+    (row,) = csv.DictReader(io.StringIO(done.out))
+    assert row["re?[2Json"] == "?[31mred ?"
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [
         (None, "it has no summary.json"),
         ("{", "cannot be read as such"),
+        (f'{{"command": "solve", "parameters": {{}}, "force": 1{"0" * 400}}}', "cannot be read as such"),
         ("[]", "is another's"),
         ('{"command": 3, "parameters": {}}', "is another's"),
         ('{"command": "solve", "parameters": {}}', "it is missing"),
