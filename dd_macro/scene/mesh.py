@@ -115,7 +115,7 @@ def box(
         halved: sides at which there are twice as many across the two outer rows of elements.
 
     Raises:
-        InputError: not three positive integers, or not three positive lengths, refine < 1, or an unknown side.
+        InputError: not three positive integers, not three positive lengths, a refine below 1, or an unknown side.
 
     Example:
         >>> body = dd.box(MPI.COMM_WORLD, elements=(4, 2, 1), size=(8e-5, 4e-5, 2e-5))
@@ -126,9 +126,10 @@ def box(
         raise InputError(f"elements: expected three positive integers, got {elements}")
     if len(size) != 3 or not all(np.isfinite(s) and s > 0 for s in size):
         raise InputError(f"size: expected three positive lengths in m, got {size}")
-    if refine < 1 or not set(halved) <= set(SIDES):
+    if int(refine) != refine or refine < 1 or not set(halved) <= set(SIDES):
         raise InputError(
-            f"refine, halved: expected at least 1, and some of {', '.join(SIDES)}, got {refine} and {sorted(halved)}"
+            f"refine, halved: expected a whole number of at least 1, and some of {', '.join(SIDES)}, got {refine} and "
+            f"{sorted(halved)}"
         )
     ends = [(SIDES[2 * axis] in halved, SIDES[2 * axis + 1] in halved) for axis in range(3)]
     planes = [size[axis] * _planes(int(elements[axis]), refine, ends[axis]) for axis in range(3)]

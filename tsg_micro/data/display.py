@@ -45,12 +45,9 @@ class Displayed:
 
 def ranges(mandel: NDArray[np.float64]) -> str:
     """From where to where every tensor component of Mandel vectors (n, 6) goes that is not zero."""
-    tensors, found = from_mandel(mandel), []
-    for name in COMPONENTS:
-        values = tensors[:, "xyz".index(name[0]), "xyz".index(name[1])]
-        if values.any():
-            found.append(f"{name} {values.min():.3g} to {values.max():.3g}")
-    return ", ".join(found)
+    ends = from_mandel([mandel.min(axis=0), mandel.max(axis=0)])
+    places = ((name, "xyz".index(name[0]), "xyz".index(name[1])) for name in COMPONENTS)
+    return ", ".join(f"{n} {ends[0, i, j]:.3g} to {ends[1, i, j]:.3g}" for n, i, j in places if ends[:, i, j].any())
 
 
 def printable(text: str) -> str:
