@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tsg_micro.data.errors import ConvergenceError
 from tsg_micro.equilibrium.balance import Balance, times
 from tsg_micro.equilibrium.iteration import Converged, Iteration, NewtonOptions
+from tsg_micro.equilibrium.line_search import leave_saddle, line_search
 from tsg_micro.equilibrium.linear_solvers import Choice, Factor, SymmetricSolver, choose_backend, make_solver
 from tsg_micro.equilibrium.members import MACRO, MemberState, MemberSystem, NodalPattern
 from tsg_micro.equilibrium.older_factor import corrected, newton_step
@@ -170,7 +171,7 @@ class NewtonSolver:
         Raises:
             ConvergenceError: not within ``max_iterations``, or a step that could not be shortened enough.
         """
-        system = self.system
+        system, most = self.system, self.options.max_elongation
         y = y.copy()
         multipliers = np.zeros(len(self.border.constraint))
         state = system.state(y)
@@ -194,7 +195,7 @@ class NewtonSolver:
             if settled:
                 tangent = self._last_tangent(state) if stable else None
                 modes = self._unstable_modes(tangent) if tangent else []
-                left = self._leave_saddle(y, modes, pull)
+                left = leave_saddle(system, y, modes, pull, max_elongation=most)
                 if left is y:
                     return Converged(y, state, gradient, multipliers, residual, iteration, tangent)
                 assert tangent is not None
@@ -209,9 +210,9 @@ class NewtonSolver:
                 error = min(_LOOSE, max(residual, 0.3 * goal / residual))
                 step, slope, modes, record = self._descent(state, gradient - pull, (nodal, rest), error)
                 if slope < 0.0:
-                    length = self._line_search(y, step, pull, state, slope)
+                    length = line_search(system, y, step, pull, state, slope, max_elongation=most)
                     history.append(Iteration(load, residual, length, *record, system.energy(state)))
-                    y = self._leave_saddle(y + length * step, modes, pull)
+                    y = leave_saddle(system, y + length * step, modes, pull, max_elongation=most)
                 elif best is None:
                     raise ConvergenceError(
                         f"equilibrium: no descent at a residual of {residual:.2e} mean member forces", history
@@ -277,36 +278,6 @@ class NewtonSolver:
                 modes.append((self.spread(x, tangent.solve(x, none)[1] / value), 1.0 / value))
         return sorted(modes, key=lambda mode: mode[1])
 
-    def _leave_saddle(self, y: Array, modes: list[tuple[Array, float]], pull: Array) -> Array:
-        """``y`` moved along the lowest unstable mode as far as the energy falls and the elongation limit allows.
-
-        ``y`` itself where there is no mode, or the energy does not fall along it (a neutral motion).
-        """
-        if not modes:
-            return y
-        (mode, _), system = modes[0], self.system
-        state = system.state(y)
-        if np.vdot(mode, system.tangent_product(state, mode[:, None])[:, 0]) >= 0.0:
-            return y
-        if (system.gradient(state) - pull) @ mode > 0.0:
-            mode = -mode
-        farthest = float(self.elongation_limit(mode / np.abs(mode).max(), state) / np.abs(mode).max())
-        best, length = 0.0, farthest / 1024.0
-        while length <= farthest:
-            if (system.gradient(system.state(y + length * mode)) - pull) @ mode >= 0.0:
-                break
-            best, length = length, 2.0 * length
-        return y + best * mode if best else y
-
-    def elongation_limit(self, step: Array, state: MemberState) -> Array:
-        """The multiple of ``step`` at which some member's length changes by ``max_elongation``."""
-        change = (self.system.D @ step).reshape(state.vector.shape)
-        along = np.abs((change * state.vector).sum(axis=1)) / state.length
-        turn = (change * change).sum(axis=1) / (2.0 * state.length)
-        limit = self.options.max_elongation * state.length
-        # along a + turn a^2 = limit, in the form that does not cancel
-        return np.min(2.0 * limit / np.maximum(along + np.sqrt(along**2 + 4.0 * turn * limit), 1e-300), axis=0)
-
     def _tangent_for_step(self, state: MemberState, most: int) -> tuple[Tangent, float, int]:
         """The tangent, shifted until it has no negative pivots if it has more than ``most``; the shift; the pivots."""
         tangent, shift = self.tangent(state), 0.0
@@ -318,21 +289,3 @@ class NewtonSolver:
                 raise ConvergenceError(f"equilibrium: the tangent stays indefinite with a shift of {shift:.2e} N/m")
             tangent = self.tangent(state, shift=shift)
         return tangent, shift, negative
-
-    def _line_search(self, y: Array, step: Array, pull: Array, state: MemberState, slope: float) -> float:
-        """Step length: limited in elongation, then where the energy's slope has fallen enough."""
-        system = self.system
-        high = min(1.0, float(self.elongation_limit(step, state)))
-        low, low_slope, length = 0.0, slope, high
-        for _ in range(12):
-            here = float((system.gradient(system.state(y + length * step)) - pull) @ step)
-            if abs(here) <= 0.5 * abs(slope) or (here < 0.0 and length == high):
-                return length
-            if here < 0.0:
-                low, low_slope = length, here
-                length = min(high, 0.5 * (length + high))
-            else:
-                high = length
-                secant = low - low_slope * (length - low) / (here - low_slope)
-                length = float(np.clip(secant, low + 0.1 * (length - low), low + 0.9 * (length - low)))
-        return length

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from tsg_micro.data.errors import ConvergenceError
 from tsg_micro.equilibrium.balance import times
+from tsg_micro.equilibrium.line_search import elongation_limit
 from tsg_micro.equilibrium.members import MemberState
 from tsg_micro.equilibrium.newton import NewtonSolver
 
@@ -105,7 +106,8 @@ def _step(newton: NewtonSolver, here: Settled, nodal: Array, rest: Array) -> Set
     step = newton.spread((x - solved @ z)[:, :, 0].T, z[:, :, 0].T)
     pull = -times(newton.border.constraint.T, here.multipliers)
     slope = ((here.gradient - pull) * step).sum(axis=0)
-    length = np.minimum(1.0, newton.elongation_limit(step, here.members))
+    most = newton.options.max_elongation
+    length = np.minimum(1.0, elongation_limit(newton.system, step, here.members, max_elongation=most))
     after = _at(newton, here.number, here.y + length * step, here.multipliers, here.iterations + 1)
     ahead = ((after.gradient - pull) * step).sum(axis=0)
     return after.take((slope < 0.0) & (ahead <= 0.5 * np.abs(slope)))
