@@ -12,7 +12,8 @@ from dd_macro.material.metric import Metric, isotropic, mean_tangent, metric_fro
 from dd_macro.material.search import MaterialSearch
 from dd_macro.material.source import Source
 from dd_macro.material.tangent_spaces import TangentSearch
-from dd_macro.methods.adaptive import Adaptation, AdaptiveMethod, AdaptiveResult
+from dd_macro.methods.adaptive import AdaptiveMethod, AdaptiveResult
+from dd_macro.methods.adaptive_rounds import Adaptation
 from dd_macro.methods.data_methods import DataMethod, PointMethod, PreparedData, TangentMethod
 from dd_macro.methods.finite_projection import FiniteProjection, FiniteState, biot_dataset, in_space
 from dd_macro.methods.law_method import LawMethod
