@@ -56,9 +56,9 @@ def correct(
     """The correction of ``z`` for the ``residual`` (n, 6) in Pa of the material; collective.
 
     Of its ``tangents`` (k, 6, 6) in Pa each point has its ``own`` (n,). The solver has PETSc options with the prefix
-    ``dd_check_``; the factorisation of an ``older`` one of the same problem is used where that will do. Where the
-    tangents give no matrix that can be solved, as those of a tissue that lost its stability, the residual is taken for
-    the change.
+    ``dd_check_``; the factorisation of an ``older`` one of the same problem is used where that will do, and one that
+    iterates takes the new values itself, since two of them would be most of the memory. Where the tangents give no
+    matrix that can be solved, as those of a tissue that lost its stability, the residual is taken for the change.
     """
     op = problem.operator
     found, change = op.local(op.strain(z.u)), (np.zeros_like(z.strain), -residual)
@@ -67,9 +67,13 @@ def correct(
         moduli: tuple[Array, NDArray[np.int64] | None] = tangents, own
         if op.theory != "small":
             moduli = found.nominal_tangent(z.stress - residual, tangents[own]), None
-        matrix = op.stiffness()
+        solver = None if older is None or older.direct else older
+        matrix = op.stiffness() if solver is None else solver.stiffness
         problem.add_load_stiffness(z.u, matrix.assemble(0.5 * (moduli[0] + moduli[0].swapaxes(1, 2)), moduli[1]))
-        solver = LinearSolver(problem, matrix, prefix="dd_check_", definite=False, older=older)
+        if solver is None:
+            solver = LinearSolver(problem, matrix, prefix="dd_check_", definite=False, older=older)
+        else:
+            solver.update(keep=True)
         out = problem.out_of_balance(found.nominal_stress(z.stress - residual), z.u)
         du = solver.solve(-out, within=_CLOSE)
         strain = op.local(op.strain(z.u + du)).strain - found.strain

@@ -152,7 +152,6 @@ class LocalTangentStep:
 
     def __init__(self, record: StepRecord) -> None:
         self.record = record
-        self._matrix = record.projection.operator.stiffness()
         self.linear: LinearSolver | None = None
         self._spaces: TangentSpaces | None = None
 
@@ -164,6 +163,7 @@ class LocalTangentStep:
         scene, op = self.record.projection, self.record.projection.operator
         near = SpaceProjection(spaces, scene.metric).closest(z.strain, z.stress)
         distance = self.record.size(z.strain - near[0], z.stress - near[1])
+        del near
         if self.linear is None or op.comm.allreduce(spaces is not self._spaces, MPI.LOR):
             self._factorise(spaces.tangents, z.u, spaces.own)
             self._spaces = spaces
@@ -193,12 +193,14 @@ class LocalTangentStep:
         """The solver of the symmetric part of the moduli ``tangent``, (k, 6, 6) of which each point has its ``own``
         (n,), or of all points, (n, 6, 6) or (n, 9, 9), and of the loads at u.
         """
-        problem = self.record.projection.problem
-        problem.add_load_stiffness(u, self._matrix.assemble(0.5 * (tangent + tangent.swapaxes(1, 2)), own))
+        problem, older = self.record.projection.problem, None
         if self.linear is None:
-            self.linear = LinearSolver(
-                problem, self._matrix, prefix="dd_tangent_", definite=False, older=self.record.projection.give()
-            )
+            older = self.record.projection.give()
+            older = older if older is not None and older.direct else None  # levels of GAMG go before others are made
+        stiffness = problem.operator.stiffness() if self.linear is None else self.linear.stiffness
+        problem.add_load_stiffness(u, stiffness.assemble(0.5 * (tangent + tangent.swapaxes(1, 2)), own))
+        if self.linear is None:
+            self.linear = LinearSolver(problem, stiffness, prefix="dd_tangent_", definite=False, older=older)
         else:
             self.linear.update(keep=True)
         return self.linear

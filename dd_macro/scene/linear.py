@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dd_macro.scene.factor_size import factor_entries, factor_fits
+from dd_macro.scene.petsc_solver import counts_pivots, make_solver, option
 from dd_macro.scene.problem import Problem
 from dd_macro.scene.rigid import SHIFT, HeldMean
 from dd_macro.scene.spaces import Stiffness
@@ -28,8 +29,6 @@ _SLOWER = 1.5
 _MOST_ENTRIES = 800.0
 """Of a row of the factor: making it costs their square a row, in a block of 55,000 unknowns what the iterations of GAMG
 cost. Sheets one element thick have half as many at a million unknowns, and GAMG needs more iterations there."""
-_WEAK = 0.05
-"""Entries of K, relative to the diagonal, that GAMG does not count as a connection: half the iterations in sheets."""
 _RESIDUAL, _ROUND_OFF = 1e-6, 1e-13
 """Of the right side, and of K x; Euclidean norms."""
 
@@ -43,7 +42,7 @@ class LinearSolver:
         prefix: of its PETSc options.
         definite: K is positive definite, so Cholesky will do; if not, a factorisation is LDL^T (MUMPS).
         older: the solver of a near matrix of the same problem, whose factorisation serves first, as in :meth:`update`;
-            it solves no more itself.
+            it solves no more itself. One that iterates has nothing to give.
 
     Raises:
         ConvergenceError: the factorisation fails.
@@ -61,7 +60,7 @@ class LinearSolver:
         K = self.matrix = stiffness.matrix
         self._comm = problem.operator.comm
         operator, fixed = problem.operator, problem.fixed
-        self._stiffness, self._fixed = stiffness, fixed[: 3 * operator.owned_nodes]
+        self.stiffness, self._fixed = stiffness, fixed[: 3 * operator.owned_nodes]
         self._motions = problem.motions
         self._mean: HeldMean | None = None
         self._rows = (np.flatnonzero(fixed) + K.getOwnershipRange()[0]).astype(PETSc.IntType)
@@ -75,8 +74,8 @@ class LinearSolver:
         x.array[:] = operator.node_coordinates().reshape(-1)
         K.setNearNullSpace(PETSc.NullSpace().createRigidBody(x))
         fits = factor_fits(operator)
-        direct = (older is not None and older._direct) or (fits and factor_entries(operator) <= _MOST_ENTRIES)
-        self._ksp = _make_solver(K, prefix, direct=direct, pivots=not definite)
+        direct = (older is not None and older.direct) or (fits and factor_entries(operator) <= _MOST_ENTRIES)
+        self._ksp = make_solver(K, prefix, direct=direct, pivots=not definite)
         self._closest, self._kept, self._digit = self._ksp.getTolerances()[0], False, np.inf
         self._may_factorise = fits and not direct and self._ksp.getPC().getType() == "gamg"
         self._factor: PETSc.PC | None = None if older is None else older._factor
@@ -102,9 +101,9 @@ class LinearSolver:
             ConvergenceError: the factorisation fails.
         """
         keeps = keep and not self._many and not len(self._motions)
-        older = self._factor if keeps and self._direct else None
+        older = self._factor if keeps and self.direct else None
         self._old = older is not None and not self.negative_pivots
-        self._kept = keeps and not self._direct and self._digit < np.inf
+        self._kept = keeps and not self.direct and self._digit < np.inf
         pc = self._ksp.getPC() if older is None or not self._old else older
         K = self.matrix
         mean = abs(K.getDiagonal()).sum() / K.getSize()[0]
@@ -113,7 +112,7 @@ class LinearSolver:
             K.shift(SHIFT * mean)
         K.setOption(self._kind, True)  # new values have made PETSc forget it
         self._gradients.setPC(pc)
-        self._factor, self._many = (pc if self._direct else None), False
+        self._factor, self._many = (pc if self.direct else None), False
         pc.setReusePreconditioner(self._old or self._kept)
         if self._old:
             self._gradients.setOperators(K)
@@ -125,12 +124,16 @@ class LinearSolver:
             )
 
     def _set_up(self) -> None:
-        """The factorisation, or what else the solver needs; PETSc would put it off to the next solve."""
+        """The factorisation, or what else the solver needs; PETSc would put it off to the next solve.
+
+        Nothing is kept for making the matrix products of GAMG anew: it is twice what the levels are.
+        """
         ksp = self._ksp
         ksp.setOperators(self.matrix)
         self._digit = self._digit if self._kept else np.inf
         try:
-            ksp.setUp()
+            with option("", "mat_product_clear", True):
+                ksp.setUp()
         except PETSc.Error as error:
             raise ConvergenceError(
                 f"linear solver {ksp.getType()} + {ksp.getPC().getType()}: set-up failed ({error})"
@@ -145,11 +148,11 @@ class LinearSolver:
         Raises:
             ConvergenceError: the solver fails, or its solution does not solve the system.
         """
-        nodal = np.where(self._fixed, 0.0, self._stiffness.condense(right_side))
+        nodal = np.where(self._fixed, 0.0, self.stiffness.condense(right_side))
         x = self._close(nodal, within) if self._old else None
         if x is None:
             x = self._solved(nodal, within) if self._mean is None else self._mean.solve(nodal)
-        return self._stiffness.expand(np.where(self._fixed, 0.0, x), right_side)
+        return self.stiffness.expand(np.where(self._fixed, 0.0, x), right_side)
 
     def _close(self, b: Array, within: float) -> Array | None:
         """K^-1 b by conjugate gradients with an older factorisation; None, and a new one, where that fails."""
@@ -181,15 +184,15 @@ class LinearSolver:
                 return self._solved(b, within)
             self._may_factorise = False
             pivots = self._kind == PETSc.Mat.Option.SYMMETRIC
-            self._ksp = _make_solver(self.matrix, self._ksp.getOptionsPrefix(), direct=True, pivots=pivots)
+            self._ksp = make_solver(self.matrix, self._ksp.getOptionsPrefix(), direct=True, pivots=pivots)
             self._factor = self._ksp.getPC()
             self._set_up()
             return self._solved(b)
-        if not self._direct:
+        if not self.direct:
             digit = self._ksp.getIterationNumber() / np.log10(1.0 / asked)
             self._many |= digit > _SLOWER * self._digit
             self._digit = min(self._digit, digit)
-        self._check_residual(_RESIDUAL if self._direct else max(_RESIDUAL, within))
+        self._check_residual(_RESIDUAL if self.direct else max(_RESIDUAL, within))
         return np.array(self._x.array)
 
     def _product(self, x: Array) -> Array:
@@ -204,9 +207,9 @@ class LinearSolver:
         Raises:
             ConvergenceError: see there.
         """
-        if self._mean is not None or self._old or not self._direct:
+        if self._mean is not None or self._old or not self.direct:
             return self.solve(one), self.solve(other)
-        sides = [np.where(self._fixed, 0.0, self._stiffness.condense(side)) for side in (one, other)]
+        sides = [np.where(self._fixed, 0.0, self.stiffness.condense(side)) for side in (one, other)]
         if self._pair is None:
             sizes = (self._b.getSizes(), (PETSc.DECIDE, 2))
             self._pair = tuple(PETSc.Mat().createDense(sizes, comm=self._b.comm) for _ in range(2))
@@ -221,7 +224,7 @@ class LinearSolver:
         for side, x, b in zip((one, other), X.getDenseArray().T, sides, strict=True):
             self._x.array[:], self._b.array[:] = x, b
             self._check_residual()
-            found.append(self._stiffness.expand(np.where(self._fixed, 0.0, x), side))
+            found.append(self.stiffness.expand(np.where(self._fixed, 0.0, x), side))
         return found[0], found[1]
 
     def _stopped(self) -> ConvergenceError:
@@ -248,44 +251,11 @@ class LinearSolver:
     def negative_pivots(self) -> int | None:
         """Negative eigenvalues of K, where the factorisation counts them (MUMPS, LDL^T); None otherwise."""
         pc = self._factor
-        if pc is None or not _counts_pivots(pc):
+        if pc is None or not counts_pivots(pc):
             return None
-        return self._stiffness.negative + int(pc.getFactorMatrix().getMumpsInfog(12))
+        return self.stiffness.negative + int(pc.getFactorMatrix().getMumpsInfog(12))
 
     @property
-    def _direct(self) -> bool:
+    def direct(self) -> bool:
+        """Whether it factorises, and does not iterate."""
         return self._ksp.getType() == "preonly" and self._ksp.getPC().getType() in ("cholesky", "lu")
-
-
-def _counts_pivots(pc: PETSc.PC) -> bool:
-    return bool(pc.getType() == "cholesky" and pc.getFactorSolverType() == "mumps")
-
-
-def _make_solver(K: PETSc.Mat, prefix: str, *, direct: bool, pivots: bool) -> PETSc.KSP:
-    """The solver by a factorisation (``direct``) that counts all negative ``pivots``, or by iterations."""
-    ksp = PETSc.KSP().create(K.comm)
-    ksp.setOptionsPrefix(prefix)
-    ksp.setOperators(K)
-    ksp.setTolerances(rtol=1e-10, max_it=1000)  # of an iterative solver, ours or one asked for by options
-    pc = ksp.getPC()
-    package = next((name for name in ("mumps", "superlu_dist") if PETSc.Sys.hasExternalPackage(name)), None)
-    ksp.setErrorIfNotConverged(direct)  # iterations end by their reason: an error would leave the vectors locked
-    options, weak = PETSc.Options(prefix), "pc_gamg_threshold"
-    if direct and (package or K.comm.size == 1):
-        ksp.setType("preonly")
-        pc.setType("lu" if package == "superlu_dist" else "cholesky")
-        pc.setFactorSolverType(package or "petsc")
-    else:
-        ksp.setType("cg")
-        ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        pc.setType("gamg")
-    given = options.hasName(weak)
-    if not given:
-        options[weak] = _WEAK
-    ksp.setFromOptions()
-    if not given:
-        options.delValue(weak)
-    if pivots and _counts_pivots(pc):
-        pc.setFactorSetUpSolverType()
-        pc.getFactorMatrix().setMumpsIcntl(13, 1)  # those of the root front too
-    return ksp

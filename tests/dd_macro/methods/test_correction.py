@@ -19,6 +19,7 @@ from dd_macro import (
 from dd_macro.methods.correction import correct
 from dd_macro.methods.finite_projection import state_on
 from dd_macro.methods.projection import relative_distance
+from dd_macro.scene import linear
 
 pytestmark = pytest.mark.mpi
 
@@ -76,3 +77,24 @@ def test_a_material_without_stiffness_leaves_the_residual(comm):
     found = correct(problem, z, 0.1 * z.stress, np.zeros((1, 6, 6)), np.zeros(len(z.strain), dtype=np.int64), LAW)
     assert not found.linear
     assert found.change == found.residual
+
+
+@pytest.mark.parametrize("most", [1.0, 1e3])
+def test_an_older_solver_goes_on(comm, most, monkeypatch):
+    """One that iterates takes the new values itself, a factorisation is left as it is; the correction is the same."""
+    monkeypatch.setattr(linear, "_MOST_ENTRIES", most)
+    problem = stretched(comm, EnhancedStrainOperator)
+    operator, n = problem.operator, len(problem.operator.weights)
+    own = np.zeros(n, dtype=np.int64)
+    stiffness = operator.stiffness()
+    stiffness.assemble(1.2 * LAW.C[None], own)
+    older = linear.LinearSolver(problem, stiffness, prefix="test_", definite=False)
+    assert older.direct is (most > 1.0)
+    older.solve(problem.forces - operator.force(operator.strain(problem.prescribed)))
+    z = project(problem, LAW).elastic()
+    found = [
+        correct(problem, z, 0.1 * z.stress[:, ::-1], LAW.C[None], own, LAW, older=given) for given in (None, older)
+    ]
+    assert found[0].linear
+    assert found[1].linear
+    assert found[1].change == pytest.approx(found[0].change, rel=1e-4)
