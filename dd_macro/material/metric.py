@@ -38,6 +38,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 _FLOOR = 1e-2  # smallest eigenvalue of a metric taken from data, relative to the largest
+_CHUNK = 8192  # points that are worked on at once
 _SILENT = 1e-3  # c, relative to the mean eigenvalue of C_aa
 
 
@@ -87,7 +88,17 @@ class Metric:
         """Points (n, 12) whose Euclidean distances are the local distance, sqrt(J/m^3), of (n, 6) and (n, 6) in Pa."""
         sigma = np.asarray(stress, dtype=float)
         whitened = scipy.linalg.solve_triangular(self.factor, sigma.reshape(-1, 6).T, lower=True).T.reshape(sigma.shape)
-        return np.concatenate([np.asarray(strain) @ self.factor, whitened], axis=-1) / np.sqrt(2.0)
+        white = np.concatenate([np.asarray(strain) @ self.factor, whitened], axis=-1)
+        white /= np.sqrt(2.0)
+        return white
+
+    def squares(self, strain: Array, stress: Array) -> Array:
+        """Squares (n,) of the lengths of such points, J/m^3, some points at a time."""
+        out = np.empty(len(strain))
+        for begin in range(0, len(out), _CHUNK):
+            some = slice(begin, begin + _CHUNK)
+            out[some] = (self.whiten(strain[some], stress[some]) ** 2).sum(axis=1)
+        return out
 
 
 def isotropic(*, young: float, poisson: float) -> Metric:

@@ -158,6 +158,7 @@ class Rounds:
         """The problem solved to the end, with the matrix of the rounds."""
         self.seconds = sum(i.seconds_solve for i in self._onto.record.history)
         self._onto.record, self._onto.leave = StepRecord(self.projection, options.max_iterations, None), 0.0
+        del self.spaces  # the solve has its own
         return iterate(self._onto, self.search, self.z, options)
 
     def grow(self, known: Dataset) -> None:

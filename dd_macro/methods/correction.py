@@ -61,8 +61,7 @@ def correct(
     matrix that can be solved, as those of a tissue that lost its stability, the residual is taken for the change.
     """
     op = problem.operator
-    found, change = op.local(op.strain(z.u)), (np.zeros_like(z.strain), -residual)
-    linear = True
+    found, linear = op.local(op.strain(z.u)), True
     try:
         moduli: tuple[Array, NDArray[np.int64] | None] = tangents, own
         if op.theory != "small":
@@ -79,11 +78,11 @@ def correct(
         strain = op.local(op.strain(z.u + du)).strain - found.strain
         change = strain, times(tangents, own, strain) - residual
     except ConvergenceError:  # on all ranks alike
-        linear = False
+        change, linear = (np.zeros_like(z.strain), -residual), False
     lengths = [
-        metric.whiten(*pair)
+        op.weights @ metric.squares(*pair)
         for pair in (change, (z.strain + change[0], z.stress + change[1]), (np.zeros_like(residual), residual))
     ]
-    squares = total(op.comm, [op.weights @ (white**2).sum(axis=1) for white in lengths])
+    squares = total(op.comm, lengths)
     moved, state, left = (float(length) for length in np.sqrt(squares))
     return Correction(moved, state, left, linear)

@@ -216,7 +216,7 @@ def _result(
     comm, w = projection.operator.comm, projection.operator.weights
     data = search.dataset
     outside = search.outside(z.strain)
-    size = (search.metric.whiten(z.strain, z.stress) ** 2).sum(axis=1)
+    size = search.metric.squares(z.strain, z.stress)
     sums = total(comm, [float(w @ local**2), float(w @ size), float(outside.sum()), float(len(w))])
     normalised = float(np.sqrt(sums[0] / sums[1])) if sums[1] > 0 else float(sums[0] > 0)
     return DataDrivenResult(

@@ -164,7 +164,6 @@ class State(Protocol):
 
 def relative_distance(operator: StrainOperator, metric: Metric, a: State, b: State) -> float:
     """|a - b| / |b| of two states in the metric; collective."""
-    off, size = metric.whiten(a.strain - b.strain, a.stress - b.stress), metric.whiten(b.strain, b.stress)
-    w = operator.weights
-    sums = total(operator.comm, [w @ (off**2).sum(axis=1), w @ (size**2).sum(axis=1)])
+    off, size = metric.squares(a.strain - b.strain, a.stress - b.stress), metric.squares(b.strain, b.stress)
+    sums = total(operator.comm, [operator.weights @ off, operator.weights @ size])
     return float(np.sqrt(sums[0] / sums[1]))

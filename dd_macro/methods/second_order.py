@@ -202,7 +202,7 @@ def _iterate(step: Step, search: TangentSearch, z: MechanicalState, options: Sec
         clock = time.perf_counter()
         moved = record.size(z.strain - at.strain, z.stress - at.stress)
         little = options.tolerance * record.size(z.strain, z.stress)
-        local = np.linalg.norm(metric.whiten(z.strain - at.strain, z.stress - at.stress), axis=1)
+        local = np.sqrt(metric.squares(z.strain - at.strain, z.stress - at.stress))
         if averaged and moved > _SLOW * before:
             relaxation = max(_SLOW * relaxation, _LEAST_RELAXATION)
         before, at = moved, _between(at, z, relaxation)
@@ -245,10 +245,9 @@ def _result(
     strain, stress = SpaceProjection(spaces, search.metric).closest(z.strain, z.stress)
     part = search.trusted(spaces, strain)[:, None]
     strain, stress = spaces.strain + part * (strain - spaces.strain), spaces.stress + part * (stress - spaces.stress)
-    white = search.metric.whiten(z.strain, z.stress)
-    local = np.linalg.norm(white - search.metric.whiten(strain, stress), axis=1)
+    local = np.sqrt(search.metric.squares(z.strain - strain, z.stress - stress))
     outside = search.outside(z.strain)
-    numbers = w @ local**2, w @ (white**2).sum(axis=1), outside.sum(), (part < 1).sum(), len(w)
+    numbers = w @ local**2, w @ search.metric.squares(z.strain, z.stress), outside.sum(), (part < 1).sum(), len(w)
     sums = total(comm, [float(number) for number in numbers])
     return SecondOrderResult(
         problem=record.projection.problem,

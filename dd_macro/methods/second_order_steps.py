@@ -56,8 +56,8 @@ class StepRecord:
     def size(self, strain: Array, stress: Array) -> float:
         """Length in sqrt(J) of a field of strain (n, 6) and stress (n, 6) in Pa."""
         operator = self.projection.operator
-        white = self.projection.metric.whiten(strain, stress)
-        return float(np.sqrt(total(operator.comm, operator.weights @ (white**2).sum(axis=1))))
+        squares = self.projection.metric.squares(strain, stress)
+        return float(np.sqrt(total(operator.comm, operator.weights @ squares)))
 
     def add(self, distance: float, changed: int, search: float, clock: float) -> None:
         """One iteration; ``search`` in seconds, ``clock`` when it began.
@@ -165,8 +165,8 @@ class LocalTangentStep:
         distance = self.record.size(z.strain - near[0], z.stress - near[1])
         del near
         if self.linear is None or op.comm.allreduce(spaces is not self._spaces, MPI.LOR):
-            self._factorise(spaces.tangents, z.u, spaces.own)
             self._spaces = spaces
+            self._factorise(spaces.tangents, z.u, spaces.own)
         assert self.linear is not None
         u, strain, left, enough = z.u, z.strain, np.inf, _BALANCE if final else _ROUGH
         for correction in range(_CORRECTIONS):

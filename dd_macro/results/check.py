@@ -99,8 +99,10 @@ def check_by_source(
     groups = 1 if solution.dataset is None else len(solution.dataset)
     support = np.zeros_like(z.stress) if solution.support is None else solution.support
     force = np.zeros(len(region)) if bar_force is None else bar_force
-    points = Points(z.strain, z.stress, support, region, force, np.maximum(solution.index, 0), groups)
-    drawn = draw(op, points, share, count)
+    drawn = draw(
+        op, Points(z.strain, z.stress, support, region, force, np.maximum(solution.index, 0), groups), share, count
+    )
+    del support, force, share
     measure = "first_piola" if solution.dataset is None else solution.dataset.stress_measure
     answers, answered = _ask(sources, drawn, measure)
     failed = int((~answered).sum())

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from dd_macro import MaterialSearch, Metric, isotropic, mean_tangent, metric_from_dataset, secant_modulus
+from dd_macro.material import metric as metric_module
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import COMPONENTS
 
@@ -29,6 +30,16 @@ def test_whitened_distance_is_that_of_the_paper(e1, e2, s1, s2, seed):
     expected = np.sqrt(0.5 * de @ metric.C @ de + 0.5 * ds @ np.linalg.inv(metric.C) @ ds)
     found = np.linalg.norm(metric.whiten(e1, s1) - metric.whiten(e2, s2))
     assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+def test_squares_of_many_points_are_those_of_their_lengths(monkeypatch):
+    monkeypatch.setattr(metric_module, "_CHUNK", 7)
+    rng = np.random.default_rng(0)
+    strain, stress = rng.normal(size=(23, 6)), 1e3 * rng.normal(size=(23, 6))
+    metric = Metric(spd(3), "test")
+    energies = 0.5 * np.einsum("ni,ij,nj->n", strain, metric.C, strain)
+    energies += 0.5 * np.einsum("ni,ij,nj->n", stress, np.linalg.inv(metric.C), stress)
+    np.testing.assert_allclose(metric.squares(strain, stress), energies, rtol=1e-9)
 
 
 def test_isotropic_metric_has_the_elastic_constants():
