@@ -38,7 +38,7 @@ class TaggedMesh(Displayed):
     """Number of the connected part that each local cell is of; None where there is one."""
 
     def _display(self) -> tuple[str, dict[str, object]]:
-        return f"TaggedMesh: {self.global_cells} hexahedra on {self.comm.size} ranks", {
+        return f"TaggedMesh: {self.global_cells} hexahedra on {self.comm.size} rank{'s' * (self.comm.size > 1)}", {
             "sides": ", ".join(sorted(self.names)),
             "regions": ", ".join(sorted(self.regions)),
         }
@@ -126,10 +126,10 @@ def box(
         raise InputError(f"elements: expected three positive integers, got {elements}")
     if len(size) != 3 or not all(np.isfinite(s) and s > 0 for s in size):
         raise InputError(f"size: expected three positive lengths in m, got {size}")
-    if int(refine) != refine or refine < 1 or not set(halved) <= set(SIDES):
+    if int(refine) != refine or refine < 1 or isinstance(halved, str) or not set(halved) <= set(SIDES):
         raise InputError(
             f"refine, halved: expected a whole number of at least 1, and some of {', '.join(SIDES)}, got {refine} and "
-            f"{sorted(halved)}"
+            f"{halved!r}"
         )
     ends = [(SIDES[2 * axis] in halved, SIDES[2 * axis + 1] in halved) for axis in range(3)]
     planes = [size[axis] * _planes(int(elements[axis]), refine, ends[axis]) for axis in range(3)]

@@ -16,7 +16,7 @@ results = typer.Typer()
 
 
 @results.command()
-def show(run: Annotated[Path, typer.Argument(help="Folder of a run, or the file that it wrote.")]) -> None:
+def show(run: Annotated[Path, typer.Argument(help="Folder of a run, the file that it wrote, or its summary.")]) -> None:
     """Print what a run was asked and what it found, with units."""
     check_alone("show")
     from workflows.runs.summaries import show as print_summary
@@ -26,7 +26,7 @@ def show(run: Annotated[Path, typer.Argument(help="Folder of a run, or the file 
 
 @results.command()
 def table(
-    runs: Annotated[list[Path], typer.Argument(help="Folders of runs, or files that they wrote.")],
+    runs: Annotated[list[Path], typer.Argument(help="Folders of runs, files that they wrote, or their summaries.")],
     out: Annotated[Path | None, out_option("CSV file; printed if not given.")] = None,
 ) -> None:
     """Runs as CSV, a row each: the parameters that differ, and all figures that are one value."""

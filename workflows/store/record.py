@@ -125,10 +125,14 @@ def _plain(value: object) -> object:
 def read_summary(folder: Path, *commands: str) -> dict[str, Any]:
     """The summary that one of ``commands``, any if none is named, wrote into ``folder``, or beside it if it is a file.
 
+    ``folder`` may be the summary itself.
+
     Raises:
         InputError: it is not there, is no summary, or another command's.
     """
     path = summary_path(folder) if folder.is_file() else folder / "summary.json"
+    if folder.is_file() and folder.name.endswith("summary.json"):
+        path = folder
     kind = "file" if folder.is_file() else "folder"
     expected = f"expected a {kind} made by {' or '.join(f"'tsgdd {command}'" for command in commands) or 'tsgdd'}"
     try:

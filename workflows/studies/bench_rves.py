@@ -24,6 +24,7 @@ from tsg_micro.continuum.warm_rve import WarmRVE
 from tsg_micro.continuum.warm_states import WarmStates
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
+from workflows.store.limits import check_memory
 from workflows.store.record import write_summary, write_table
 
 __all__ = ["RVES", "rves"]
@@ -36,6 +37,8 @@ RVES = {
     "bulk": (RVESpec.of_kind("bulk", Tissue()), "full"),
 }
 """RVEs of one block, and the box that they are sampled in."""
+_PER_PROCESS, _PER_PATH, _PER_STEP = 1e8, 2e4, 48
+"""Bytes, roughly: of a process, of the states of a path, of a strain on it."""
 
 
 def rves(
@@ -44,11 +47,13 @@ def rves(
     """``paths`` paths of ``steps`` states of every RVE in each of the ``processes``.
 
     Raises:
-        InputError: a number is less than 1.
+        InputError: a number is less than 1, or there is not enough memory.
     """
     for name, value in (("paths", paths), ("steps", steps), ("processes", processes)):
         if value < 1:
             raise InputError(f"{name}: expected at least 1, got {value}")
+    needed = processes * (_PER_PROCESS + paths * (_PER_PATH + _PER_STEP * steps))
+    check_memory(f"paths, steps, processes: {paths}, {steps} and {processes}", needed)
     out = output_folder(out)
     rows = []
     with ProcessPoolExecutor(processes, get_context("spawn")) as pool:

@@ -69,11 +69,13 @@ def bench_search(
         InputError: an argument is not valid, or there is not enough memory.
         ConvergenceError: a run failed.
     """
-    if not counts or min(counts) < 1 or min(elements) < 2 or seed < 0:
-        raise InputError(
-            f"counts, elements, seed: expected at least 1, 2 and 0, got {list(counts)}, {list(elements)} and {seed}"
-        )
-    check_memory(f"counts: {max(counts)}", _PER_DATUM * max(counts))
+    if not counts:
+        raise InputError("count: expected at least one number of data, got none")
+    asked = (("count", min(counts), 1), ("elements", min(elements), 2), ("paths", paths, 1), ("seed", seed, 0))
+    for name, value, least in asked:
+        if value < least:
+            raise InputError(f"{name}: expected at least {least}, got {value}")
+    check_memory(f"count: {max(counts)}", _PER_DATUM * max(counts))
     sampled, data = output_folder(out) / "rve.h5", out / "data.h5"
     run_tsgdd(["sample", "--load", "inplane", "--paths", paths, "--no-plots", "--out", sampled])
     rves, rows = read_dataset(sampled), list[dict[str, Any]]()

@@ -32,6 +32,7 @@ def run_tsgdd(arguments: Sequence[object], *, ranks: int = 1, seconds: float | N
     except subprocess.TimeoutExpired:
         return None
     if done.returncode != 0:
-        raise ConvergenceError(f"tsgdd {arguments[0]}: {(done.stderr.strip() or 'failed').splitlines()[-1]}")
+        said = (done.stderr.strip() or "failed").splitlines()[-1]
+        raise ConvergenceError(f"tsgdd {arguments[0]}: {said.removeprefix('tsgdd: ')}")
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime

@@ -124,7 +124,7 @@ def test_a_box_whose_outer_elements_are_halved(comm):
     areas = {"left": width, "bottom": length, "right": width, "top": length}
     for side, edge in areas.items():
         assert area(body, side) == pytest.approx(edge * thickness, rel=1e-12)
-    for bad in ({"halved": ("up",)}, {"refine": 0}, {"refine": 1.5}):
+    for bad in ({"halved": ("up",)}, {"halved": "left"}, {"refine": 0}, {"refine": 1.5}):
         with pytest.raises(InputError, match="halved: expected a whole number of at least 1, and some of left"):
             dd.box(comm, elements=(2, 2, 1), size=SIZE, **bad)
 

@@ -87,6 +87,13 @@ def test_what_is_no_run_is_one_line(tmp_path, tsgdd, command, content, said):
     assert said in done.err
 
 
+def test_the_summary_itself_names_its_run(tmp_path, tsgdd):
+    run = made(tmp_path / "run", 0.05, 0.031)
+    whole, named = tsgdd("show", run), tsgdd("show", run / "summary.json")
+    assert (whole.code, named.code) == (0, 0), named
+    assert named.out.splitlines()[1:] == whole.out.splitlines()[1:]
+
+
 def test_a_table_needs_runs_and_a_csv_file(tmp_path, tsgdd):
     run = made(tmp_path / "run", 0.05, 0.031)
     assert "ends in .csv" in tsgdd("table", run, "--out", tmp_path / "t.txt").err

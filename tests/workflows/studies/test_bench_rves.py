@@ -21,3 +21,5 @@ def test_both_ways_are_timed_and_equal(tmp_path):
 def test_bad_numbers_are_told(tmp_path):
     with pytest.raises(InputError, match="steps: expected at least 1, got 0"):
         rves(tmp_path, paths=1, steps=0, processes=1)
+    with pytest.raises(InputError, match="processes: 64, 20 and 1000000 need about"):
+        rves(tmp_path, paths=64, steps=20, processes=1_000_000)

@@ -42,5 +42,5 @@ def test_every_number_of_data_has_a_row(tmp_path, is_png):
 
 
 def test_bad_numbers_are_told(tmp_path):
-    with pytest.raises(InputError, match="counts, elements, seed: expected at least 1, 2 and 0"):
+    with pytest.raises(InputError, match="count: expected at least 1, got 0"):
         bench_search(tmp_path, counts=(0,))
