@@ -68,7 +68,7 @@ def plot_convergence(distance: Sequence[float], changed: Sequence[int], omega: S
             if relaxed.size:
                 label = rf"over-relaxed, at first $\omega$ = {omega[relaxed[0]]:g}"
                 axes.axvspan(0.5, relaxed[-1] + 1.5, color="0.92", label=label)
-            axes.plot(n, values, style, color=colour, markersize=4)
+            axes.plot(n, values, style, color=colour, markersize=4, clip_on=False)
             tidy(axes)
         if percent.min() < 0.5 * percent.max() or percent.max() == 0.0:
             upper.set_ylim(0.0, 1.05 * percent.max() or 1.0)
@@ -76,7 +76,7 @@ def plot_convergence(distance: Sequence[float], changed: Sequence[int], omega: S
         lower.set_ylabel("points with\na new datum")
         lower.set_xlabel("iteration")
         lower.set_xlim(0.5, len(percent) + 0.5)
-        lower.xaxis.get_major_locator().set_params(integer=True)
+        lower.xaxis.get_major_locator().set_params(integer=True, min_n_ticks=1)
         lower.set_ylim(bottom=0)
         if relaxed.size:
             figure.legend(*upper.get_legend_handles_labels(), loc="outside upper center", frameon=False)

@@ -13,7 +13,7 @@ from tsg_micro.data.display import Displayed, ranges
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import COMPONENTS
 from tsg_micro.data.silent import check_silent
-from tsg_micro.data.stress import check_measure, convert_stress, convert_tangent
+from tsg_micro.data.stress import check_measure, convert_stress, convert_tangent, measure_words
 
 __all__ = ["REQUIRED", "UNITS", "Dataset", "convert_dataset", "join_datasets", "take"]
 
@@ -150,7 +150,7 @@ class Dataset(Displayed):
         return len(self.strain)
 
     def _display(self) -> tuple[str, dict[str, object]]:
-        measure, paths = self.stress_measure.replace("_", " "), len(np.unique(self.path))
+        measure, paths = measure_words(self.stress_measure), len(np.unique(self.path))
         more = [name for name in self.arrays() if name not in (*REQUIRED, "source")]
         made = [f"{name} {value}" for name, value in self.sources[0].items() if isinstance(value, str | int | float)]
         return f"Dataset: {len(self)} points on {paths} paths, {measure} stress", {

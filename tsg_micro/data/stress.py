@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import BASIS, from_mandel, to_mandel
 
-__all__ = ["MEASURES", "StressMeasure", "check_measure", "convert_stress", "convert_tangent"]
+__all__ = ["MEASURES", "StressMeasure", "check_measure", "convert_stress", "convert_tangent", "measure_words"]
 
 Array = NDArray[np.float64]
 StressMeasure = Literal["cauchy", "kirchhoff", "first_piola", "second_piola"]
@@ -32,6 +32,11 @@ def check_measure(name: str) -> str:
     if name not in MEASURES:
         raise InputError(f"stress measure: expected one of {', '.join(MEASURES)}, got {name!r}")
     return name
+
+
+def measure_words(name: str) -> str:
+    """A measure as people write it: "first Piola"."""
+    return " ".join(word if word in ("first", "second") else word.capitalize() for word in name.split("_"))
 
 
 def _from_kirchhoff(tau: Array, F: Array, measure: str) -> Array:

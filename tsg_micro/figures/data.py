@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.figure_style import STYLE, block_outlines, finite, new_figure, plot_maps, tidy
 from tsg_micro.data.mandel import COMPONENTS, from_mandel, pressure, von_mises
+from tsg_micro.data.stress import measure_words
 
 __all__ = ["plot_blocks", "plot_curve", "plot_dataset"]
 
@@ -48,7 +49,7 @@ def plot_dataset(dataset: Dataset) -> Figure:
         left.set_title(f"{len(dataset)} points on {len(np.unique(dataset.path))} paths")
         right.set_xlabel("pressure $p$ / Pa")
         right.set_ylabel("effective stress $q$ / Pa")
-        right.set_title(f"{dataset.stress_measure.replace('_', ' ')} stress")
+        right.set_title(f"{measure_words(dataset.stress_measure)} stress")
         handles = [
             Line2D([], [], color="0.75", marker="o", linestyle="", markersize=4, label="data"),
             Line2D([], [], color=colours[0], marker="o", markersize=4, label=f"{len(shown)} of the paths"),

@@ -40,6 +40,8 @@ Array = NDArray[np.float64]
 Measured = tuple[str, float]
 
 _BLUE, _RED = "#20639b", "#b5332a"
+_MANY = 30
+"""Cells in a bin of a histogram from which on its axis is logarithmic."""
 _CORNER = (6, 4)
 """Cells along x and y."""
 _LABELS = {
@@ -133,9 +135,10 @@ def _field(axes: Axes, shape: Array, name: str, values: Array, top: NDArray[np.b
 def _histogram(axes: Axes, name: str, values: Array) -> None:
     """How many cells have which strain."""
     middle = float(np.median(values))
-    axes.hist(values, bins=histogram_edges(values), color=_BLUE)
-    axes.set_yscale("log")  # a few cells among thousands are seen too
-    axes.set_ylim(bottom=0.7)
+    count, _, _ = axes.hist(values, bins=histogram_edges(values), color=_BLUE)
+    if np.max(count) > _MANY:
+        axes.set_yscale("log")  # a few cells among thousands are seen too
+        axes.set_ylim(bottom=0.7)
     axes.axvline(middle, color=_RED, linewidth=1.5)
     axes.set_xlabel(f"{_LABELS[name]} / %")
     means = (("median", middle), ("mean", values.mean()))

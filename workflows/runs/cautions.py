@@ -44,9 +44,10 @@ def body_cautions(problem: dd.Problem, rve: RVESpec | None, *, bends: Sequence[i
         small = [axis for axis in range(3) if rve.periodic[axis] and across[axis] < max(_FEW, rve.blocks[axis]) - _NEAR]
         small = [axis for axis in small if not (rve.periodic == KINDS["bulk"] and axis in thin)]
         if small:
+            wide = f"{across[small[0]]:.3g}"
             found.append(
-                f"the body is {across[small[0]]:.3g} blocks across {'xyz'[small[0]]}, no more than an RVE: an average "
-                "over blocks says little of it; use tsgdd dns or tsgdd monolayer"
+                f"the body is {wide} block{'' if wide == '1' else 's'} across {'xyz'[small[0]]}, no more than an RVE: "
+                "an average over blocks says little of it; use tsgdd dns or tsgdd monolayer"
             )
     stiff = [axis for axis in bends if size[axis] < (1 + _NEAR) * cell[axis]]
     if trilinear and stiff:

@@ -15,6 +15,7 @@ from tsg_micro.continuum.radial_profiles import ball_radius, radial_profile, she
 from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import from_mandel, pressure, von_mises
+from tsg_micro.data.stress import measure_words
 
 __all__ = ["block_edge", "block_stress", "body_figures", "draw_body"]
 
@@ -129,6 +130,6 @@ def draw_body(out: Path, solutions: Mapping[str, Array], blocks: Dataset, titles
     save_figure(plot_slices(slices, errors, cmap="magma"), out / "errors.png")
     radial = _Shells.of(midpoint, edge)
     if radial is not None:
-        label = rf"$\sigma_{{rr}}$ ({blocks.stress_measure.replace('_', ' ')}) / Pa"
+        label = rf"$\sigma_{{rr}}$ ({measure_words(blocks.stress_measure)}) / Pa"
         curves = {title: radial.stress(stress) for title, stress in everyone.items()}
         save_figure(plot_shells(radial.r, curves, shells=radial.count, label=label), out / "shells.png")

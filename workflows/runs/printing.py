@@ -8,6 +8,8 @@ from typing import Any
 
 __all__ = ["report", "report_sides", "say"]
 
+_ROUND_OFF = 1e-9
+
 
 def say(text: str) -> None:
     """Print on rank 0 only."""
@@ -28,7 +30,10 @@ def report(summary: dict[str, Any], names: str, out: Path) -> None:
 
 
 def report_sides(summary: dict[str, Any]) -> None:
-    """Forces and mean displacements of the sides of a body, a line each."""
+    """Forces and mean displacements of the sides of a body, a line each; round-off beside the largest is 0."""
     for name, title, unit in (("reactions", "force on", "N"), ("displacements", "displacement of", "m")):
-        for side, value in summary.get(name, {}).items():
-            say(f"{f'{title} {side}':24} {' '.join(f'{x:.4g}' for x in value)} {unit}")
+        sides = summary.get(name, {})
+        largest = max((abs(x) for value in sides.values() for x in value), default=0.0)
+        for side, value in sides.items():
+            shown = " ".join(f"{x:.4g}" if abs(x) > _ROUND_OFF * largest else "0" for x in value)
+            say(f"{f'{title} {side}':24} {shown} {unit}")

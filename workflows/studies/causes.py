@@ -12,6 +12,7 @@ from tsg_micro.data.dataset import Dataset, convert_dataset
 from tsg_micro.data.dataset_file import read_dataset
 from tsg_micro.data.errors import ConvergenceError
 from tsg_micro.data.files import output_folder
+from tsg_micro.data.stress import measure_words
 from workflows.runs.loads import LOADS
 from workflows.runs.progress import tracked
 from workflows.runs.tensegrity import read_blocks
@@ -119,7 +120,7 @@ def _changes(study: Study, found: Inputs) -> Iterator[_Change]:
     yield _Change("metric", "mean tangent where the scene is", dataset, dns, "visited")
     yield _Change("metric", "secant modulus", dataset, dns, "secant")
     for measure in ("second_piola", "kirchhoff", "cauchy"):
-        yield _Change("stress", measure.replace("_", " "), convert_dataset(dataset, measure), dns)
+        yield _Change("stress", measure_words(measure), convert_dataset(dataset, measure), dns)
 
     def sampled(name: str, box: str = load, factor: float = 1.0, **more: Any) -> Dataset:
         many = replace(chain, paths=max(1, round(factor * chain.paths)))

@@ -15,6 +15,7 @@ from tsg_micro.continuum.sampling import StrainBox
 from tsg_micro.data.dataset import Dataset
 from tsg_micro.data.figure_style import STYLE, new_figure, plain_log, tidy
 from tsg_micro.data.mandel import COMPONENTS, pressure, von_mises
+from tsg_micro.data.stress import measure_words
 from workflows.studies.coverage import BoxCoverage
 
 __all__ = ["plot_coverage", "plot_paths", "plot_visited"]
@@ -47,7 +48,7 @@ def plot_paths(datasets: Mapping[str, Dataset]) -> Figure:
             axes.set_xlabel("pressure $p$ / Pa")
             axes.set_ylabel("effective stress $q$ / Pa")
             paths = f"{len(order)} of {len(np.unique(data.path))} paths, {len(data)} points"
-            axes.set_title(f"{load}: {paths}, {_words(data.stress_measure)}")
+            axes.set_title(f"{load}: {paths}, {measure_words(data.stress_measure)}")
             _plain(axes)
     return figure
 
@@ -130,14 +131,14 @@ def plot_visited(
         middle.set_xlabel("pressure $p$ / Pa")
         middle.set_ylabel("effective stress $q$ / Pa")
         left.set_title("a  strain", loc="left")
-        middle.set_title(f"b  {_words(stress_measure)} stress", loc="left")
+        middle.set_title(f"b  {measure_words(stress_measure)} stress", loc="left")
         _plain(middle)
         _bars(bars[0], {name: 100.0 * values for name, values in rms.items()})
         bars[0].set_ylabel("root mean square strain (Mandel) / %")
         bars[0].set_title("c  strain by component", loc="left")
         _bars(bars[1], rms_stress)
         bars[1].set_ylabel("root mean square stress (Mandel) / Pa")
-        bars[1].set_title(f"d  {_words(stress_measure)} stress by component", loc="left")
+        bars[1].set_title(f"d  {measure_words(stress_measure)} stress by component", loc="left")
         handles, names = left.get_legend_handles_labels()
         gap = bars[1].get_legend_handles_labels()[0][-1]
         figure.legend(
@@ -186,8 +187,3 @@ def _outline(axes: Axes, box: StrainBox) -> None:
 def _plain(axes: Axes) -> None:
     axes.set_axisbelow(True)
     tidy(axes)
-
-
-def _words(stress_measure: str) -> str:
-    names = {"piola": "Piola", "kirchhoff": "Kirchhoff", "cauchy": "Cauchy"}
-    return " ".join(names.get(word, word) for word in stress_measure.split("_"))

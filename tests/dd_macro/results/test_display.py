@@ -32,8 +32,8 @@ def test_a_few_lines_at_a_prompt_and_in_a_notebook(comm, dataset):
     )
     solution = dd.PointMethod().prepare(problem, dd.Material(dataset)).solve()
     shown = [
-        (dataset, ("Dataset: 500 points on 50 paths, first piola stress", "xx -1.99 to 2", "load <script>")),
-        (domain, (f"TaggedMesh: 6 hexahedra on {comm.size} ranks", "bottom", "<script>")),
+        (dataset, ("Dataset: 500 points on 50 paths, first Piola stress", "xx -1.99 to 2", "load <script>")),
+        (domain, (f"TaggedMesh: 6 hexahedra on {comm.size} rank", "bottom", "<script>")),
         (problem, ("Problem: 6 hexahedra, small strain", "bottom in x y z", "unknowns")),
         (solution, ("DataDrivenResult: converged", f"{solution.normalised_distance:.2%}", "500")),
         (problem.at(0.5), ("under 0.5 of the load", "72")),

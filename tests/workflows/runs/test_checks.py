@@ -93,7 +93,7 @@ SHEET, BULK = RVESpec(TISSUE), RVESpec.of_kind("bulk", TISSUE)
         (replace(SHEET, blocks=(1, 1, 2)), (4, 3, 2), ""),
         (SHEET, (4, 3, 2), "sheet data, with free faces across z, for a body 2 blocks thick"),
         (BULK, (4, 3, 1), "bulk data for a body one block thick across z"),
-        (SHEET, (1, 3, 1), "the body is 1 blocks across x, no more than an RVE"),
+        (SHEET, (1, 3, 1), "the body is 1 block across x, no more than an RVE"),
         (replace(SHEET, blocks=(3, 1, 1)), (2, 3, 1), "the body is 2 blocks across x, no more than an RVE"),
         (None, (1, 1, 1), ""),
     ],
