@@ -155,8 +155,9 @@ def sample_paths(
         states, reached, lost = warm.solve_many(strain[on, step], states)
         failures |= {int(on[k]): text for k, text in lost.items()}
         on = on[reached]
+        said = replace(states, unknowns=states.unknowns[:, :0], rate=states.rate[:, :0])  # most of a state
         for k, place in enumerate(on):
-            found[place].append(states.take([k]))
+            found[place].append(said.take([k]))
     done = []
     for k, path in enumerate(numbers):
         done.append(_path_data(path, rve, box, found[k], failures.get(k)))
