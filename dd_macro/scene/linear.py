@@ -60,6 +60,7 @@ class LinearSolver:
         K = self.matrix = stiffness.matrix
         self._comm = problem.operator.comm
         operator, fixed = problem.operator, problem.fixed
+        PETSc.garbage_cleanup(operator.comm)  # on several ranks factors that nobody has any more stay until then
         self.stiffness, self._fixed = stiffness, fixed[: 3 * operator.owned_nodes]
         self._motions = problem.motions
         self._mean: HeldMean | None = None

@@ -118,6 +118,7 @@ class Steps:
         factors, clock = self.factors, time.perf_counter()
         factor = factors[number - 1]
         prepared = self._prepare(factor)
+        self._last = None  # its factorisation takes as much memory as the next one
         try:
             self._last = self._solved(prepared, factor, dd.Watch(self.say, self._keep, told))
         except ConvergenceError as error:

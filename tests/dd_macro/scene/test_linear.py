@@ -171,3 +171,13 @@ def test_conjugate_gradients_go_on_with_the_factor_of_another_matrix(comm):
         found.append(solver.solve(right_side(operator)))
     scale = comm.allreduce(np.abs(found[0]).max(initial=0.0), op=MPI.MAX)
     np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-8 * scale)
+
+
+def test_a_solver_that_is_gone_leaves_no_factor(comm):
+    """On several ranks petsc4py destroys nothing by itself: the next solver has to."""
+    operator, solver = make(comm)
+    held = solver.matrix.getRefCount()
+    stiffness, problem = solver.stiffness, Problem(operator, [Displacement("bottom")])
+    del solver
+    other = LinearSolver(problem, stiffness, prefix="test_")
+    assert other.matrix.getRefCount() == held

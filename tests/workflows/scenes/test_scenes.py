@@ -7,6 +7,7 @@ import signal
 import subprocess
 import time
 import tomllib
+import weakref
 
 import numpy as np
 import pytest
@@ -15,9 +16,11 @@ from scipy.optimize import brentq
 
 import dd_macro as dd
 import meshes
+from dd_macro.scene.linear import LinearSolver
 from meshes.mapped import write_mapped
 from tsg_micro.cells.tissue import Tissue
 from tsg_micro.continuum.rve_spec import RVESpec
+from workflows.runs.scene_steps import Steps
 from workflows.runs.solve_scene import solve_scene
 from workflows.scenes.quantities import quantity
 from workflows.scenes.read import read_scene, scene_of
@@ -336,8 +339,24 @@ def answer(summary):
     return np.concatenate([np.ravel(list(summary[name].values())) for name in ("reactions", "displacements")])
 
 
+@pytest.fixture
+def one_solver_at_a_time(monkeypatch):
+    """No step begins while the factorisation of the one before is held."""
+    before: list[weakref.ref[LinearSolver]] = []
+    solved = Steps._solved
+
+    def noted(self, *given):
+        assert all(linear() is None for linear in before)
+        found = solved(self, *given)
+        assert found.linear is not None
+        before.append(weakref.ref(found.linear))
+        return found
+
+    monkeypatch.setattr(Steps, "_solved", noted)
+
+
 @pytest.mark.parametrize("kinematics", ["small", "finite"])
-def test_steps_end_where_one_does(tmp_path, kinematics):
+def test_steps_end_where_one_does(tmp_path, kinematics, one_solver_at_a_time):
     one, many = (
         solve_scene(tmp_path / str(steps), scene(method="FE2", kinematics=kinematics, steps=steps), plots=False)
         for steps in (1, [0.3, 1.4, 1.0])
