@@ -82,7 +82,7 @@ class PreparedLaw:
                 reached[:] = reached[it.load > reached[1]], it.load
             near = math.log(min(max(it.residual, method.options.tolerance), 1.0)) / math.log(method.options.tolerance)
             watch.done(reached[0] + (reached[1] - reached[0]) * near)
-            watch.say(f"load {it.load:.4g}, step {it.step:.4g}: residual {it.residual:.2e}, {seconds:.0f} s")
+            watch.say(f"load {it.load:.4g}, step length {it.step:.4g}: residual {it.residual:.2e}, {seconds:.0f} s")
 
         given = None if start is None or start_factor == 0.0 else (start_factor, start.u)
         result = equilibrium(

@@ -75,7 +75,10 @@ def check_bar_force(bar_force: ArrayLike, *, cells: int, EA_bar: float) -> NDArr
     Raises:
         InputError: not a scalar or one per cell, not positive and finite, or beyond what a bar can carry.
     """
-    f = np.asarray(bar_force, dtype=float)
+    try:
+        f = np.asarray(bar_force, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"bar_force: expected numbers in N, got {bar_force!r}") from None
     if f.shape not in ((), (cells,)):
         raise InputError(f"bar_force: expected one number or one per cell ({cells}), got shape {f.shape}")
     if not (np.isfinite(f).all() and (f > 0.0).all()):

@@ -77,7 +77,7 @@ def method_of(built: Built) -> dd.Method:
     name = METHOD_NAMES.get(solve.method, solve.method)
     if name not in dd.METHODS:
         raise InputError(
-            f"solve.method: expected one of {', '.join([*METHOD_NAMES, *dd.METHODS])}, got {solve.method!r}"
+            f"solve.method: expected one of {'; '.join([*METHOD_NAMES, *dd.METHODS])}, got {solve.method!r}"
         )
     method = dd.METHODS[name]
     if isinstance(method, dd.AdaptiveMethod):

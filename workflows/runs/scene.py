@@ -90,7 +90,9 @@ class Scene:
         if self.graded and self.mesh is not None:
             raise InputError("graded: expected a box, --elements NX NY NZ, got a mesh")
         if (self.elements is None) == (self.mesh is None):
-            raise InputError("elements, mesh: expected one of them, --elements NX NY NZ or --mesh FILE.msh")
+            raise InputError(
+                "elements, mesh: expected one of them, --elements NX NY NZ or --mesh FILE.msh, or a scene file"
+            )
 
     def build(self, comm: MPI.Comm, tissue: Tissue | None = None) -> dd.TaggedMesh:
         """The mesh, distributed over ``comm``; an element is a block of ``tissue``, the default one if None."""

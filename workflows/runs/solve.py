@@ -67,7 +67,7 @@ class _Asked:
             raise InputError(f"order: expected {wanted}, got {self.tangents}")
         name = self.name or _OF_ORDER[self.tangents]
         if name not in dd.METHODS:
-            raise InputError(f"method: expected one of {', '.join(dd.METHODS)}, got {name!r}")
+            raise InputError(f"method: expected one of {'; '.join(dd.METHODS)}, got {name!r}")
         method = dd.METHODS[name] if self.adaptation is None else dd.AdaptiveMethod(self.adaptation)
         iterations = self.max_iterations
         if iterations is None and self.adaptation is None:

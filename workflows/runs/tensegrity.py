@@ -65,6 +65,18 @@ def check_same_scene(parameters: dict[str, Any], dns: Path, whose: str) -> None:
             raise InputError(f"tissue, {name}: expected the same in both runs, got {a} in {whose} and {b} in {dns}")
 
 
+def _first_difference(name: str, a: Any, b: Any) -> tuple[str, Any, Any]:
+    """Where two values of a summary, which are not equal, first differ: name of the part, and what either says."""
+    if isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
+        a, b = (dict(enumerate(values, 1)) for values in (a, b))
+    if not isinstance(a, dict) or not isinstance(b, dict):
+        return name, a, b
+    if a.keys() != b.keys():
+        return name, ", ".join(map(str, a)), ", ".join(map(str, b))
+    key = next(key for key in a if a[key] != b[key])
+    return _first_difference(f"{name}.{key}", a[key], b[key])
+
+
 def _check_same_file(ours: Any, theirs: Any, whose: str, dns: Path) -> None:
     """Raise InputError where two scenes from files differ in more than how they are solved."""
     if not isinstance(ours, dict) or not isinstance(theirs, dict):
@@ -72,7 +84,8 @@ def _check_same_file(ours: Any, theirs: Any, whose: str, dns: Path) -> None:
     for name in ("tissue", "support", "load"):
         a, b = (_without(scene.get(name), "data", "kind") for scene in (ours, theirs))
         if a != b:
-            raise InputError(f"scene, {name}: expected the same in both runs, got {a} in {whose} and {b} in {dns}")
+            where, a, b = _first_difference(f"scene, {name}", a, b)
+            raise InputError(f"{where}: expected the same in both runs, got {a} in {whose} and {b} in {dns}")
     ends = [scene.get("solve", {}).get("steps") for scene in (ours, theirs)]
     last = [steps[-1] if isinstance(steps, list) else 1.0 for steps in ends]
     if last[0] != last[1]:

@@ -168,7 +168,7 @@ TISSUES = [
     Bad(f"{FORCE}", f'{FORCE}\ndata = "ten.h5"\nkind = "sheet"', "kind: expected that of the data, bulk, got sheet"),
 ]
 OTHERS = [
-    Bad(METHOD, 'method = "magic"', "solve.method: expected one of points, tangents, "),
+    Bad(METHOD, 'method = "magic"', "solve.method: expected one of points; tangents; "),
     Bad(
         METHOD, 'method = "FE2"\nbudget = 5', "solve.budget, tolerance: expected with method adaptive alone, got 'FE2'"
     ),
