@@ -115,4 +115,5 @@ class MaterialSearch:
         """Whitened points z (n, 12) in the axes of the data, and how far they are from all data across them (n,)."""
         seen = self._seen(z) - self._middle
         along = seen @ self._axes
-        return along, np.linalg.norm(seen - along @ self._axes.T, axis=1)
+        seen -= along @ self._axes.T
+        return along, np.sqrt(np.einsum("ni,ni->n", seen, seen))
