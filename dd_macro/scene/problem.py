@@ -63,6 +63,7 @@ class Problem(Displayed):
     """That under the whole load; None where it is this one."""
 
     def __post_init__(self) -> None:
+        _check_kinds(self)
         fixed, prescribed = prescribed_displacement(self.operator, self.supports)
         motions = free_motions(self.operator, fixed, allowed=self.free)
         forces = nodal_forces(self.operator, self.loads)
@@ -158,6 +159,23 @@ class Problem(Displayed):
         """
         nodal = out_of_balance[: 3 * self.operator.owned_nodes].reshape(-1, 3)
         return total(self.operator.comm, nodal[side_dofs(self.operator, side)].sum(axis=0))
+
+
+def _check_kinds(problem: Problem) -> None:
+    """Raise InputError where an argument is of another kind, as one support in place of a list of them."""
+    if not isinstance(problem.operator, StrainOperator):
+        raise InputError(
+            f"operator: expected a StrainOperator, as of dd.StrainOperator(mesh), got {type(problem.operator).__name__}"
+        )
+    for name, given, wanted in (
+        ("supports", problem.supports, "dd.Displacement"),
+        ("loads", problem.loads, "loads, as dd.Traction"),
+    ):
+        if not isinstance(given, Sequence):
+            raise InputError(f"{name}: expected a list of {wanted}, got {type(given).__name__}")
+        for one in given:
+            if not (isinstance(one, Displacement) if name == "supports" else hasattr(one, "nodal_forces")):
+                raise InputError(f"{name}: expected a list of {wanted}, got {type(one).__name__} in it")
 
 
 def _check_balance(operator: StrainOperator, motions: Array, forces: Array) -> None:

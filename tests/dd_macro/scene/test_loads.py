@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -200,3 +201,22 @@ def test_a_free_body_by_iterations(comm):
             database.delValue(name)
     assert projection.solver == "cg + gamg"
     np.testing.assert_allclose(projection.elastic().stress, exact.stress, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"supports": dd.Displacement("left")}, "supports: expected a list of dd.Displacement, got Displacement"),
+        ({"supports": ["left"]}, "supports: expected a list of dd.Displacement, got str in it"),
+        (
+            {"loads": dd.Traction("right", (1.0, 0.0, 0.0))},
+            "loads: expected a list of loads, as dd.Traction, got Traction",
+        ),
+        ({"loads": [5.0]}, "loads: expected a list of loads, as dd.Traction, got float in it"),
+        ({"operator": "box"}, "operator: expected a StrainOperator, as of dd.StrainOperator(mesh), got str"),
+    ],
+)
+def test_arguments_of_another_kind(comm, change, text):
+    operator = dd.StrainOperator(dd.box(comm, elements=(1, 1, 1), size=tuple(SIZE)))
+    with pytest.raises(InputError, match=re.escape(text)):
+        dd.Problem(**{"operator": operator, "supports": [dd.Displacement("left")]} | change)
