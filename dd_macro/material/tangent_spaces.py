@@ -25,6 +25,7 @@ from tsg_micro.data.errors import InputError
 __all__ = ["SpaceProjection", "StrainSearch", "TangentSearch", "TangentSpaces"]
 
 Array = NDArray[np.float64]
+_CHUNK = 8192  # points that are worked on at once
 
 
 @dataclass(frozen=True)
@@ -178,11 +179,17 @@ class SpaceProjection:
     def closest(self, strain: Array, stress: Array) -> tuple[Array, Array]:
         """Strain (n, 6) and stress (n, 6) in Pa of the tangent spaces nearest to these."""
         d, s = self.along(strain - self.spaces.strain, stress - self.spaces.stress)
-        return self.spaces.strain + d, self.spaces.stress + s
+        d += self.spaces.strain
+        s += self.spaces.stress
+        return d, s
 
     def along(self, strain: Array, stress: Array) -> tuple[Array, Array]:
         """The part along the tangent spaces of a change of strain (n, 6) and stress (n, 6) in Pa."""
-        x, s = strain @ self._whiten, stress @ self._back.T
-        own = self.spaces.own
-        d = times(self._inverse, own, x) + times(self._across, own, s)
-        return d @ self._back, times(self._tangent, own, d) @ self._whiten.T
+        part = np.empty_like(strain), np.empty_like(stress)
+        for begin in range(0, len(strain), _CHUNK):
+            some = slice(begin, begin + _CHUNK)
+            own = self.spaces.own[some]
+            d = times(self._inverse, own, strain[some] @ self._whiten)
+            d += times(self._across, own, stress[some] @ self._back.T)
+            part[0][some], part[1][some] = d @ self._back, times(self._tangent, own, d) @ self._whiten.T
+        return part
