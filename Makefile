@@ -1,6 +1,8 @@
 # The Python environment is .venv; PYTHON=... chooses what it is made with. bin=/path/to/bin takes one that is there.
 bin := .venv/bin
 RANKS := 2
+# Processes share the cores, so each has one thread.
+alone := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 stamp := $(if $(filter .venv/bin,$(bin)),.venv/.stamp)
 
 .PHONY: help demo test docs lint dist clean distclean test-debian compiler
@@ -12,8 +14,8 @@ demo: compiler $(stamp) ## the whole chain on a stretched monolayer; figure and 
 	@$(bin)/tsgdd demo --out results/demo
 
 test: compiler $(stamp) ## all tests, a process a core, then those marked mpi on RANKS=2; ARGS="-k name" goes to pytest
-	$(bin)/python -m pytest --numprocesses auto --dist loadfile $(ARGS)
-	PATH="$(abspath $(bin)):$$PATH" OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 mpirun -n $(RANKS) $(bin)/python -m pytest -m mpi $(ARGS)
+	$(alone) $(bin)/python -m pytest --numprocesses auto --dist loadfile $(ARGS)
+	PATH="$(abspath $(bin)):$$PATH" $(alone) mpirun -n $(RANKS) $(bin)/python -m pytest -m mpi $(ARGS)
 
 docs: compiler .venv/.docs ## these pages, tutorials run, into docs/_build/html; warnings are errors
 	$(bin)/python -m sphinx --fail-on-warning --keep-going --quiet -b html docs docs/_build/html

@@ -44,7 +44,7 @@ def test_a_method_is_solved_with_by_its_name(again, chain, tmp_path):
     once = solve(tmp_path / "once", data=chain.data, scene=SCENE, max_iterations=1000, plots=False)
     assert summary["distance"] <= once["distance"] * (1 + 1e-12)
     assert (tmp_path / "again" / "convergence.png").exists()
-    with pytest.raises(InputError, match=r"method: expected one of classical, .*, again, got 'twice'"):
+    with pytest.raises(InputError, match=r"method: expected one of classical; .*; again, got 'twice'"):
         solve(tmp_path / "twice", data=chain.data, scene=SCENE, method="twice")
 
 
