@@ -29,9 +29,9 @@ def draw_cell(out: Path, results: Sequence[Indentation]) -> None:
     save_figure(plot_views(first.structure, views, width=5.5), out / "cell.png")
     for result in results:
         name = f"cell_{1e9 * result.tissue.bar_force:g}nN"
-        series = VtuSeries(out / f"{name}.pvd", f"{name}_steps")
+        series = VtuSeries(out / f"{name}.pvd", result.structure, f"{name}_steps")
         for k, (force, state) in enumerate(zip(result.force, result.states, strict=True)):
-            series.add(k, result.structure, state, time=1e9 * float(force))
+            series.add(k, state, time=1e9 * float(force))
 
 
 def _curves(results: Sequence[Indentation]) -> Figure:

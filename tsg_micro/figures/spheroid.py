@@ -30,9 +30,9 @@ _BLUE, _ORANGE, _GREEN, _GREY = "#0072b2", "#d55e00", "#009e73", "0.35"
 def draw_spheroid(out: Path, result: Compression) -> None:
     """All figures, a VTU file of the members at each level, and spheroid.pvd, whose time is the number of the level."""
     body, records = result.body, result.records
-    series = VtuSeries(out / "spheroid.pvd")
+    series = VtuSeries(out / "spheroid.pvd", body.structure)
     for step, record in enumerate(records):
-        series.add(step, body.structure, record.state)
+        series.add(step, record.state)
     save_figure(_bar_force(body), out / "bar_force.png")
     if len(records) > 1:
         save_figure(_profile(body, records), out / "radial_stress.png")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import meshio
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,6 +29,8 @@ def write_vtu(path: str | Path, structure: Structure, displacement: Array, membe
     Raises:
         InputError: another suffix, a displacement that does not fit, or a folder that cannot be written.
     """
+    import meshio  # not when runs that draw nothing import this
+
     if Path(path).suffix != ".vtu":
         raise InputError(f"path: expected a file name that ends in .vtu, got {path}")
     if displacement.shape != structure.nodes.shape or not np.isfinite(displacement).all():
@@ -61,19 +62,19 @@ def write_vtu(path: str | Path, structure: Structure, displacement: Array, membe
 
 
 class VtuSeries:
-    """States of a structure along a path, each a file in the folder ``steps`` beside ``pvd``, the list of them.
+    """States of a ``structure`` along a path, each a file in the folder ``steps`` beside ``pvd``, the list of them.
 
     The list is whole after every state, so that ParaView can open a run, and open it anew, while it goes on.
     """
 
-    def __init__(self, pvd: Path, steps: str = "steps") -> None:
-        self.pvd, self.steps = pvd, steps
+    def __init__(self, pvd: Path, structure: Structure, steps: str = "steps") -> None:
+        self.pvd, self.structure, self.steps = pvd, structure, steps
         self.files: list[tuple[float, str | Path]] = []
         (pvd.parent / steps).mkdir(exist_ok=True)
 
-    def add(self, number: int, structure: Structure, state: Equilibrium, *, time: float | None = None) -> None:
+    def add(self, number: int, state: Equilibrium, *, time: float | None = None) -> None:
         """Write the state of this ``number``, which is its time too where none is given."""
-        write_vtu(self.pvd.parent / self._name(number), structure, state.displacement, state.members)
+        write_vtu(self.pvd.parent / self._name(number), self.structure, state.displacement, state.members)
         self.files.append((float(number) if time is None else time, self._name(number)))
         write_pvd(self.pvd, self.files)
 

@@ -11,7 +11,7 @@ import hashlib
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,6 +29,7 @@ from tsg_micro.data.dataset_file import write_dataset
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.files import output_folder
 from tsg_micro.data.mandel import pressure, to_mandel, von_mises
+from tsg_micro.figures.vtu import VtuSeries, write_vtu
 from workflows.runs.progress import tracked
 from workflows.runs.voxel_scene import VoxelScene, scene_loads, voxel_scene
 from workflows.store.checkpoint import (
@@ -41,9 +42,6 @@ from workflows.store.checkpoint import (
 )
 from workflows.store.limits import check_count, check_memory
 from workflows.store.record import drop_summary, peak_memory, versions, write_summary
-
-if TYPE_CHECKING:
-    from tsg_micro.figures.vtu import VtuSeries
 
 __all__ = ["FACTORS", "body_dns"]
 
@@ -95,8 +93,8 @@ def body_dns(
     structure = scene.body.structure
     arrays = (structure.nodes, structure.rest_length, applied.fixed, applied.displacement, applied.force)
     decisive = {"arrays": _digest(*arrays), "pressure": applied.pressure, "factors": levels, "tissue": tissue.as_dict()}
-    series = _series(out) if plots else None
-    state, resumed = _follow(scene, body, levels, out / "checkpoint.h5", fingerprint(decisive), begin, say, series)
+    series = VtuSeries(out / "structure.pvd", _placed(scene)) if plots else None
+    state, resumed = _follow(body, levels, out / "checkpoint.h5", fingerprint(decisive), begin, say, series)
     fields = block_fields(structure, body.displacement, body.members, prestress=scene.body.prestress)
     fields = dataclasses.replace(fields, midpoint=fields.midpoint + scene.body.origin)
     data = block_data(fields, parameters={"tissue": tissue.as_dict()}, versions=versions())
@@ -129,15 +127,7 @@ def _check_memory(domain: dd.TaggedMesh, tissue: Tissue, linear_solver: str) -> 
     check_memory(f"mesh: {domain.global_cells} blocks with {backend}", needed)
 
 
-def _series(out: Path) -> VtuSeries:
-    """The load steps, for ParaView."""
-    from tsg_micro.figures.vtu import VtuSeries
-
-    return VtuSeries(out / "structure.pvd")
-
-
 def _follow(
-    scene: VoxelScene,
     body: LoadedBody,
     levels: Sequence[float],
     file: Path,
@@ -177,7 +167,7 @@ def _follow(
         )
         last, state = now, Checkpoint(result.displacement, (*state.done, step))
         if series:
-            series.add(number + 1, _placed(scene), result)
+            series.add(number + 1, result)
         write_checkpoint(file, state, run)
         say(
             f"step {number + 1} of {steps}: {levels[number]:.4g} of the load, {step.iterations} iterations, "
@@ -259,7 +249,6 @@ def _draw(out: Path, scene: VoxelScene, body: LoadedBody, fields: BlockFields) -
     from tsg_micro.data.slices import plot_slices, slices_of_blocks
     from tsg_micro.figures.shells import plot_shells
     from tsg_micro.figures.space import View, plot_body
-    from tsg_micro.figures.vtu import write_vtu
 
     structure, edge, members = scene.body.structure, scene.body.tissue.block, body.members
     placed = _placed(scene)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from tsg_micro.data.files import output_folder
 from tsg_micro.data.mandel import pressure, von_mises
 from tsg_micro.data.memory import available_memory
 from tsg_micro.equilibrium.linear_solvers import choose_backend
+from tsg_micro.figures.vtu import VtuSeries, write_vtu
 from workflows.runs.loads import LOADS, check_load
 from workflows.runs.progress import tracked
 from workflows.store.checkpoint import (
@@ -39,9 +40,6 @@ from workflows.store.checkpoint import (
 )
 from workflows.store.limits import check_count
 from workflows.store.record import peak_memory, versions, write_summary
-
-if TYPE_CHECKING:
-    from tsg_micro.figures.vtu import VtuSeries
 
 __all__ = ["dns"]
 
@@ -84,7 +82,7 @@ def dns(
     begin = time.perf_counter()
     body = ClampedSheet(sheet, motion)
     strains = [strain * number / steps for number in range(steps + 1)]
-    series = _series(out) if plots else None
+    series = VtuSeries(out / "structure.pvd", body.structure) if plots else None
     state, resumed = _follow(body, strains, out / "checkpoint.h5", fingerprint(parameters), begin, say, series)
     fields = block_fields(body.structure, state.displacement, body.members)
     data, kirchhoff = block_data(fields, parameters=scene | {"tissue": tissue.as_dict()}, versions=versions())
@@ -113,13 +111,6 @@ def _check_memory(sheet: Sheet) -> None:
 def _seconds(state: Checkpoint, resumed: int, begin: float) -> float:
     """Time since ``begin`` and that of the steps of an earlier part of the run."""
     return sum(step.seconds for step in state.done[:resumed]) + time.perf_counter() - begin
-
-
-def _series(out: Path) -> VtuSeries:
-    """The load steps, for ParaView."""
-    from tsg_micro.figures.vtu import VtuSeries
-
-    return VtuSeries(out / "structure.pvd")
 
 
 def _follow(
@@ -151,7 +142,7 @@ def _follow(
         step, last = _record(result, now - last), now
         state = Checkpoint(result.state.displacement, (*state.done, step))
         if series:
-            series.add(number, body.structure, result.state)
+            series.add(number, result.state)
         write_checkpoint(file, state, run)
         say(
             f"step {number} of {steps}: nominal stress {step.answer:.4g} Pa, {step.iterations} iterations, "
@@ -220,7 +211,6 @@ def _draw(out: Path, body: ClampedSheet, state: Checkpoint, data: Dataset, strai
     from tsg_micro.data.figure_style import save_figure
     from tsg_micro.figures.data import plot_blocks, plot_curve
     from tsg_micro.figures.sheet import plot_sheet
-    from tsg_micro.figures.vtu import write_vtu
 
     members = body.members
     write_vtu(out / "structure.vtu", body.structure, state.displacement, members)

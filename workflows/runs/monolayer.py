@@ -27,6 +27,7 @@ from tsg_micro.data.files import output_folder
 from tsg_micro.data.hdf5 import write_hdf5
 from tsg_micro.equilibrium.linear_solvers import choose_backend
 from tsg_micro.equilibrium.load_path import Equilibrium
+from tsg_micro.figures.vtu import VtuSeries
 from workflows.runs.loads import check_load
 from workflows.runs.progress import progress
 from workflows.store.limits import check_count, check_memory
@@ -89,15 +90,13 @@ def monolayer(
 
     begin = time.perf_counter()
     strains = strain * np.arange(1, steps + 1) / steps
-    series = None
-    if plots:
-        from tsg_micro.figures.vtu import VtuSeries
-
-        series = VtuSeries(out / "monolayer.pvd")
+    series: VtuSeries | None = None
 
     def record(step: int, structure: Structure, state: Equilibrium) -> None:
-        if series and (step % write_every == 0 or step == steps):
-            series.add(step, structure, state)
+        nonlocal series
+        if plots and (step % write_every == 0 or step == steps):
+            series = series or VtuSeries(out / "monolayer.pvd", structure)
+            series.add(step, state)
         told(step)
 
     with progress("load steps", steps) as told:
@@ -115,7 +114,7 @@ def monolayer(
         "peak_memory": (peak_memory(), "B"),
     }
     summary = write_summary(out, command="monolayer", parameters=parameters, figures=figures)
-    if series:
+    if plots:
         _draw(out, result, cells, modulus, sizes, others)
     return summary
 
