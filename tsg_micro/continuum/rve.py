@@ -16,7 +16,7 @@ thickness of a sheet, does no work on H; it is the support stress, what the memb
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,6 @@ from tsg_micro.continuum.rve_tangent import condensed, strain_columns, support_s
 from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import BASIS, COMPONENTS, from_mandel, to_mandel
 from tsg_micro.equilibrium.load_path import Equilibrium, EquilibriumSolver
-from tsg_micro.equilibrium.members import MemberState
 from tsg_micro.equilibrium.newton import NewtonOptions
 from tsg_micro.equilibrium.tangent import Border
 
@@ -166,7 +165,7 @@ class RVE:
             self.solver.expect(change)
         result = self.solver.solve(H=np.asarray(H, dtype=float), stable=tangent, steps=steps)
         volume, system = self.structure.volume, self.solver.system
-        members = MemberState(*(getattr(result.members, field.name)[..., None] for field in fields(MemberState)))
+        members = result.members.map(lambda part: part[..., None])
         first_piola = result.macro_force / volume
         state = RVEState(np.eye(3) + result.H, first_piola, result.energy / volume, None, result)
         if any(self.held):

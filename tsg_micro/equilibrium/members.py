@@ -12,6 +12,7 @@ All of it takes many states at once: y (3n + 9, b) gives arrays with a last axis
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,6 +47,10 @@ class MemberState:
     def force_density(self) -> Array:
         """q = t / l (m,), N/m."""
         return self.force / self.length
+
+    def map(self, change: Callable[[Array], Array]) -> MemberState:
+        """Every array changed alike, as to some members or states."""
+        return MemberState(*map(change, (self.vector, self.length, self.force, self.stiffness)))
 
 
 class MemberSystem:
@@ -134,8 +139,7 @@ class MemberSystem:
         return np.asarray(rows @ change.reshape(3 * len(change), -1)).reshape(-1, *change.shape[2:])
 
     def _of_moved(self, state: MemberState) -> MemberState:
-        given = (state.vector, state.length, state.force, state.stiffness)
-        return MemberState(*(part[self.moved] for part in given))
+        return state.map(lambda part: part[self.moved])
 
     def member_blocks(self, state: MemberState) -> Array:
         """Member tangents q 1 + (dt/dl - q) n (x) n (m, 9), N/m."""

@@ -46,7 +46,7 @@ class Settled:
     def take(self, which: NDArray[np.bool_] | Index) -> Settled:
         """Those of the states."""
         arrays = {name: getattr(self, name)[..., which] for name in _ARRAYS}
-        return Settled(**arrays, members=_members(lambda name: getattr(self.members, name)[..., which]))
+        return Settled(**arrays, members=self.members.map(lambda part: part[..., which]))
 
     def each(self) -> Iterator[MemberState]:
         """The members of every state."""
