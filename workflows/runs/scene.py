@@ -21,7 +21,7 @@ from tsg_micro.data.errors import InputError
 from tsg_micro.data.mandel import from_mandel
 from workflows.runs.loads import LOADS, check_load, check_reach
 from workflows.scenes.bodies import MOST_BLOCKS, PER_ELEMENT
-from workflows.scenes.grading import halved_sides
+from workflows.scenes.grading import graded_by_default, halved_sides
 from workflows.store.limits import check_memory
 
 __all__ = ["CLAMPS", "ELEMENTS", "KINEMATICS", "OLDER", "Scene", "read_material", "tissue_of"]
@@ -177,8 +177,10 @@ class Scene:
         """For the summary; the element that is taken, None if of degree 2, and what is taken where nothing is said."""
         edges = self.kind != "bulk" if self.edges is None else self.edges
         element = (self.element or ELEMENTS[0]) if self.degree == 1 else None
-        sheet = self.elements is not None and self.elements[2] == 1
-        graded = sheet and element == ELEMENTS[0] if self.graded is None else self.graded
+        graded = self.graded
+        if graded is None:
+            box = self.elements
+            graded = box is not None and graded_by_default(box, degree=self.degree, element=self.element)
         return asdict(self) | {"element": element, "edges": edges, "graded": graded}
 
 

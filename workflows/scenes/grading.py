@@ -11,7 +11,12 @@ from collections.abc import Collection, Sequence
 from tsg_micro.data.voxels import SIDES
 from workflows.scenes.model import SceneModel
 
-__all__ = ["halved_sides", "halved_sides_of"]
+__all__ = ["graded_by_default", "halved_sides", "halved_sides_of"]
+
+
+def graded_by_default(blocks: Sequence[int], *, degree: int, element: str | None) -> bool:
+    """Whether a box of ``blocks`` (3,) has its outer ones halved where nothing is said: in sheets that can bend."""
+    return blocks[2] == 1 and degree == 1 and element != "trilinear"
 
 
 def halved_sides(blocks: Sequence[int], held: Collection[str], touched: Collection[str]) -> tuple[str, ...]:
@@ -31,8 +36,7 @@ def halved_sides(blocks: Sequence[int], held: Collection[str], touched: Collecti
 def halved_sides_of(scene: SceneModel, blocks: Sequence[int]) -> tuple[str, ...]:
     """Those of the scene's body, a box of ``blocks`` (3,); by default in sheets of the default element."""
     solve, wanted = scene.solve, scene.body.graded
-    default = blocks[2] == 1 and solve.degree == 1 and solve.element != "trilinear"
-    if not (default if wanted is None else wanted):
+    if not (graded_by_default(blocks, degree=solve.degree, element=solve.element) if wanted is None else wanted):
         return ()
     held, touched = (set(SIDES) & sides for sides in (scene.held, scene.supported))
     return halved_sides(blocks, held, touched)
