@@ -44,9 +44,9 @@ app = typer.Typer(
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from importlib import metadata
+        from tsg_micro.data.version import VERSION
 
-        print(f"tsgdd {metadata.version('tsgdd')}")
+        print(f"tsgdd {VERSION}")
         raise typer.Exit
 
 
